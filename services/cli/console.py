@@ -1,0 +1,159 @@
+"""What commands print: JSON documents and text on standard output, progress and notes on standard error."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import Any, TextIO
+
+_document_stream: TextIO | None = None
+
+
+class ProgressBar:
+    """Handle of a running bar; a no-op where standard error is no terminal."""
+
+    def __init__(self, bar: Any = None, task: Any = None) -> None:
+        self._bar = bar
+        self._task = task
+
+    def advance(self, steps: float = 1.0) -> None:
+        """Move on by ``steps``."""
+        if self._bar is not None:
+            self._bar.advance(self._task, steps)
+
+    def update(
+        self, *, completed: float | None = None, total: float | None = None, description: str | None = None
+    ) -> None:
+        """Set the state outright."""
+        if self._bar is not None:
+            self._bar.update(self._task, completed=completed, total=total, description=description)
+
+
+@contextmanager
+def progress(description: str, total: float | None = None) -> Iterator[ProgressBar]:
+    """A progress bar with time elapsed and to go on standard error, only if that is a terminal.
+
+    Args:
+        description: what is under way.
+        total: number of steps; None while unknown.
+    """
+    if not sys.stderr.isatty():
+        yield ProgressBar()
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        yield ProgressBar(bar, bar.add_task(description, total=total))
+
+
+def say(message: str = "") -> None:
+    """One line of the command's result for people, on standard output."""
+    sys.stdout.write(message + "\n")
+    sys.stdout.flush()
+
+
+def note(message: str) -> None:
+    """One line about the way there, on standard error."""
+    sys.stderr.write(message + "\n")
+    sys.stderr.flush()
+
+
+def error_line(message: str, code: str) -> None:
+    """The one line that a failed command leaves on standard error."""
+    note(f"error: {' '.join(message.split())} [{code}]")
+
+
+def emit_json(value: object) -> None:
+    """Write ``value`` as the command's one JSON document on standard output.
+
+    Dataclasses, pydantic models, enums, paths and NumPy values are converted; numbers that JSON cannot hold (NaN,
+    infinity) become null.
+    """
+    stream = _document_stream if _document_stream is not None else sys.stdout
+    stream.write(json.dumps(to_plain(value), allow_nan=False, ensure_ascii=False) + "\n")
+    stream.flush()
+
+
+def to_plain(value: Any) -> Any:
+    """The same value made of dict, list, str, int, float, bool and None only.
+
+    Raises:
+        TypeError: a type that has no plain form.
+    """
+    if value is None or (isinstance(value, (bool, int)) and not isinstance(value, Enum)):
+        return value
+    if isinstance(value, Enum):
+        return to_plain(value.value)
+    if isinstance(value, str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {str(key): to_plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [to_plain(item) for item in value]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: to_plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if hasattr(value, "model_dump"):
+        return to_plain(value.model_dump(mode="json"))
+    if hasattr(value, "tolist"):  # NumPy scalars and arrays
+        return to_plain(value.tolist())
+    raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+@contextmanager
+def document_only() -> Iterator[None]:
+    """Reserve standard output for :func:`emit_json`.
+
+    Libraries greet and warn on standard output, some from compiled code; until the end of the block all of that goes to
+    standard error, so that what a program reads is the JSON document alone.
+    """
+    global _document_stream
+    original = sys.stdout
+    sys.stdout.flush()
+    saved = os.dup(1) if _is_process_stdout(original) else None
+    _document_stream = os.fdopen(os.dup(saved), "w", encoding="utf-8") if saved is not None else original
+    sys.stdout = sys.stderr
+    if saved is not None:
+        os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        _document_stream.flush()
+        if saved is not None:
+            _document_stream.close()
+            os.dup2(saved, 1)
+            os.close(saved)
+        _document_stream = None
+        sys.stdout = original
+
+
+def _is_process_stdout(stream: TextIO) -> bool:
+    try:
+        return stream.fileno() == 1
+    except (OSError, ValueError):
+        return False  # replaced by a buffer, as tests do

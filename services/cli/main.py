@@ -1,0 +1,152 @@
+"""The `drapemeter` command: a table of commands, loaded only when asked for, and errors turned into exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from contextlib import nullcontext
+from typing import Any
+
+import typer
+from typer.main import get_command
+
+from services.cli import console
+from simcore.errors import DrapemeterError, InputError
+
+# Name: one line for `drapemeter --help`. The module of that name in this package offers `register(app)`.
+COMMANDS: dict[str, str] = {
+    "simulate": "Bring one fabric to rest in one scene; write the drape and its depth picture.",
+    "dataset": "Sweep fabrics, scenes and repeats into a store of depth pictures, on Ray.",
+    "train": "Train the estimator on a store.",
+    "estimate": "Estimate the mechanics of the fabrics in a capture set.",
+    "distance": "Drape distance between two fabrics, as people see it.",
+    "rank": "Order a library of fabrics by drape distance from a reference.",
+    "diagnose": "Where simulation and captures part, which effect is missing, how far the gap shrinks.",
+    "blind": "Check the diagnosis on capture sets whose labels are sealed.",
+    "capture": "Record, import and check capture sets.",
+    "study": "Prepare, run and analyse a human study of drape similarity.",
+    "keys": "Create, list and revoke API keys of the service.",
+    "serve": "Run the REST service.",
+    "demo": "The whole chain, small, on embedded defaults, into one folder.",
+}
+
+EXIT_FAILURE = 1
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+OVERVIEW = """How will it drape? Fabric mechanics from depth pictures, and what a simulator still lacks.
+
+\b
+Example:
+  drapemeter simulate --scene hanging --parameters p.json --out drape.ply
+
+Every command has --help with an example, and --json for one JSON document on standard output.
+
+Exit codes: 0 done, 2 bad input (one line says what and how to mend it), 1 failure.
+"""
+
+
+def installed_commands() -> dict[str, str]:
+    """Commands whose module exists, with their one-line help, without importing any."""
+    return {name: text for name, text in COMMANDS.items() if importlib.util.find_spec(_module(name)) is not None}
+
+
+def build_app(selected: str | None = None) -> typer.Typer:
+    """The command line with ``selected`` loaded and the other commands as lines of the overview only.
+
+    Args:
+        selected: name of the command that will run; None when only the overview is needed.
+    """
+    app = typer.Typer(
+        name="drapemeter",
+        help=OVERVIEW,
+        add_completion=False,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+    @app.callback(invoke_without_command=True)
+    def overview(
+        context: typer.Context,
+        version: bool = typer.Option(False, "--version", help="Print the version and exit."),
+        debug: bool = typer.Option(False, "--debug", help="Show the full traceback of an unexpected error."),
+    ) -> None:
+        if version:
+            from importlib.metadata import version as installed_version
+
+            console.say(f"drapemeter {installed_version('drapemeter')}")
+            raise typer.Exit
+        if context.invoked_subcommand is None:
+            console.say(context.get_help())
+
+    for name, text in installed_commands().items():
+        if name == selected:
+            importlib.import_module(_module(name)).register(app)
+        else:
+            app.command(name, help=text)(_not_loaded)
+    return app
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code; errors become one line on standard error."""
+    arguments = list(arguments)
+    debug = "--debug" in arguments[: _command_index(arguments)] or os.environ.get("DRAPEMETER_DEBUG") == "1"
+    with console.document_only() if "--json" in arguments else nullcontext():
+        try:
+            return _invoke(arguments)
+        except KeyboardInterrupt:
+            console.error_line("interrupted", "interrupted")
+            return EXIT_INTERRUPTED
+        except typer.TyperException as error:
+            hint = f"drapemeter {_selected(arguments) or ''}".strip()
+            console.error_line(f"{error.format_message().rstrip('.')}; see `{hint} --help`", "usage")
+            return EXIT_BAD_INPUT
+        except DrapemeterError as error:
+            if debug:
+                traceback.print_exc()
+            console.error_line(str(error), error.code)
+            return EXIT_BAD_INPUT if isinstance(error, InputError) else EXIT_FAILURE
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the reader has left; keep the interpreter from complaining
+            return EXIT_FAILURE
+        except Exception as error:  # noqa: BLE001  the outermost frame: a failure nobody foresaw still gets one line
+            if debug:
+                traceback.print_exc()
+            text = f"unexpected {type(error).__name__}: {error}; `drapemeter --debug ...` shows where"
+            console.error_line(text, "unexpected")
+            return EXIT_FAILURE
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def _invoke(arguments: list[str]) -> int:
+    command = get_command(build_app(_selected(arguments)))
+    outcome: Any = command.main(arguments, prog_name="drapemeter", standalone_mode=False)
+    return outcome if isinstance(outcome, int) else 0
+
+
+def _module(name: str) -> str:
+    return f"services.cli.{name}"
+
+
+def _command_index(arguments: Sequence[str]) -> int:
+    """Position of the command's name; all options before it are flags."""
+    return next((i for i, argument in enumerate(arguments) if not argument.startswith("-")), len(arguments))
+
+
+def _selected(arguments: Sequence[str]) -> str | None:
+    index = _command_index(arguments)
+    return arguments[index] if index < len(arguments) and arguments[index] in COMMANDS else None
+
+
+def _not_loaded() -> None:
+    """Stands for a command in the overview; the one that runs is always loaded."""
+    raise AssertionError("a command was invoked without being selected")

@@ -1,0 +1,142 @@
+"""The command line's frame: lazy loading, one line per error, exit codes, one JSON document."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+
+import pytest
+import typer
+
+from services.cli import console, main
+from simcore.errors import InputError, SimulationError
+
+
+@pytest.fixture
+def probe(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], None]:
+    """Puts a function in the place of the command `simulate`."""
+
+    class Module:
+        @staticmethod
+        def register(app: typer.Typer) -> None:
+            @app.command("simulate")
+            def simulate(
+                json_output: bool = typer.Option(False, "--json"),
+                count: int = typer.Option(1, "--count"),
+            ) -> None:
+                Module.body()
+
+        body: Callable[[], None] = staticmethod(lambda: None)
+
+    monkeypatch.setattr(main, "installed_commands", lambda: {"simulate": "probe"})
+    monkeypatch.setattr(main.importlib, "import_module", lambda name: Module)
+
+    def put(body: Callable[[], None]) -> None:
+        Module.body = staticmethod(body)
+
+    return put
+
+
+def raiser(error: BaseException) -> Callable[[], None]:
+    def body() -> None:
+        raise error
+
+    return body
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (InputError("no such\nthing", code="thing_missing"), 2, "error: no such thing [thing_missing]"),
+        (SimulationError("not still"), 1, "error: not still [simulation_failed]"),
+        (KeyboardInterrupt(), 130, None),
+    ],
+)
+def test_errors_become_one_line_and_an_exit_code(
+    probe: Callable[[Callable[[], None]], None],
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    status: int,
+    line: str | None,
+) -> None:
+    probe(raiser(error))
+    assert main.run(["simulate", "--json"]) == status
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") <= 1
+    if line is not None:
+        assert captured.err == line + "\n"
+
+
+def test_an_unforeseen_error_is_one_line_and_debug_shows_the_traceback(
+    probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe(raiser(RuntimeError("boom")))
+    assert main.run(["simulate"]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert main.run(["--debug", "simulate"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["nonsense"], ["simulate", "--nonsense"], ["simulate", "--count", "many"]])
+def test_usage_errors_exit_with_2_and_name_the_help(
+    probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    probe(lambda: None)
+    assert main.run(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert "--help" in captured.err
+
+
+def test_json_keeps_other_prints_off_standard_output(
+    probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def body() -> None:
+        print("[Library] hello")
+        console.emit_json({"residual": float("nan"), "pair": (1, 2.5)})
+
+    probe(body)
+    assert main.run(["simulate", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out) == {"residual": None, "pair": [1, 2.5]}
+    assert "[Library] hello" in captured.err
+
+
+def test_json_keeps_compiled_code_off_standard_output() -> None:
+    program = (
+        "import os\n"
+        "from services.cli import console\n"
+        "with console.document_only():\n"
+        "    os.write(1, b'[compiled] hello\\n')\n"
+        "    console.emit_json({'a': 1})\n"
+        "print('after')\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout == '{"a": 1}\nafter\n'
+    assert result.stderr == "[compiled] hello\n"
+
+
+@pytest.mark.parametrize("name", main.installed_commands())
+def test_every_command_has_help_with_an_example_and_json(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run([name, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert "Example" in text
+    assert f"drapemeter {name}" in text
+
+
+def test_the_overview_lists_the_commands_and_imports_nothing_heavy() -> None:
+    program = (
+        "import sys\n"
+        "from services.cli import main\n"
+        "main.run(['--help'])\n"
+        "heavy = {'torch', 'taichi', 'open3d', 'ray', 'matplotlib', 'kornia', 'fastapi', 'sqlalchemy', 'scipy'}\n"
+        "sys.exit(', '.join(sorted(heavy & set(sys.modules))) or None)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    for name in main.installed_commands():
+        assert f"\n  {name} " in result.stdout
