@@ -31,7 +31,7 @@ def probe(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], None]], Non
         body: Callable[[], None] = staticmethod(lambda: None)
 
     monkeypatch.setattr(main, "installed_commands", lambda: {"simulate": "probe"})
-    monkeypatch.setattr(main.importlib, "import_module", lambda name: Module)
+    monkeypatch.setitem(sys.modules, "services.cli.simulate", Module)
 
     def put(body: Callable[[], None]) -> None:
         Module.body = staticmethod(body)
