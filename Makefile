@@ -1,0 +1,57 @@
+# The recipes of the project; `.ci/run` calls the same ones.
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+
+VENV ?= .venv
+OUT ?= demo-out
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+PACKAGES := simcore renderer capture metric trainer diagnosis services
+export VENV
+
+.PHONY: help setup demo test lint format bench bench-solver serve lock clean
+
+help: ## this list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 22
+
+setup: $(READY) ## system packages, virtual environment, pinned requirements
+
+$(READY): requirements.txt requirements-dev.txt pyproject.toml scripts/setup.sh scripts/system-packages.sh scripts/find-python.sh
+	@scripts/setup.sh
+	@touch $@
+
+demo: $(READY) ## the whole chain, small, into demo-out/ (OUT=folder)
+	@$(BIN)/drapemeter demo --out $(OUT)
+
+test: $(READY) ## the test suite (ARGS="tests/simcore -k bending" for a part)
+	@$(BIN)/python -m pytest $(ARGS) && echo "make test: all tests passed" || { echo "make test: FAILED, see above" >&2; exit 1; }
+
+lint: $(READY) ## ruff, ruff format, mypy strict, import order
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+	@echo "make lint: clean"
+
+format: $(READY) ## let ruff put the code in form
+	@$(BIN)/ruff check --fix .
+	@$(BIN)/ruff format .
+
+bench: $(READY) ## every benchmark under bench/: prints tables, writes JSON under out/bench
+	@found=0; for script in bench/bench_*.py; do \
+	    [ -e "$$script" ] || continue; found=1; echo "== $$script"; $(BIN)/python "$$script"; done; \
+	    [ $$found = 1 ] || { echo "no benchmarks under bench/" >&2; exit 1; }
+
+bench-solver: $(READY) ## CPU seconds per drape on one core
+	@OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python bench/bench_solver.py
+
+serve: $(READY) ## the REST service on http://127.0.0.1:8000
+	@$(BIN)/drapemeter serve
+
+lock: $(READY) ## write the requirements files from what is installed
+	@$(BIN)/python scripts/lock.py
+
+clean: ## remove what the recipes made, the environment too
+	@rm -rf $(VENV) $(OUT) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

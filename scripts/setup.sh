@@ -1,0 +1,20 @@
+#!/usr/bin/env bash
+# System packages, virtual environment, pinned requirements, this project in place. Called by `make setup`.
+# VENV: folder of the environment (default .venv). PYTHON: interpreter to make it with.
+# TORCH_INDEX: a package index that is asked for PyTorch too, e.g. https://download.pytorch.org/whl/cpu, which spares the
+# CUDA libraries on a machine without such a device.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+venv="${VENV:-.venv}"
+
+scripts/system-packages.sh
+if [ ! -x "$venv/bin/python" ]; then
+    python="$(scripts/find-python.sh)"
+    echo "making $venv with $("$python" --version)"
+    "$python" -m venv "$venv"
+fi
+echo "installing the pinned requirements (a few minutes the first time)"
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+    ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} --requirement requirements-dev.txt
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+echo "ready: $venv/bin/drapemeter --help"
