@@ -19,10 +19,14 @@ class Mechanics:
         gravity: acceleration [m/s²], panel frame.
         air_pressure_pa: pressure of a draft along +z on the whole sample, per rest area [Pa]; negative presses the
             cloth to the panel.
+        off_grain_rad: angle by which the material's weft is turned from the sample's u towards v [rad].
+        stiffening_strain: tensile Green-Lagrange strain at which the warp and weft moduli have doubled; None: never.
     """
 
     gravity: Vector3 = (0.0, -GRAVITY_M_S2, 0.0)
     air_pressure_pa: float = 0.0
+    off_grain_rad: float = 0.0
+    stiffening_strain: float | None = None
 
 
 @dataclass(frozen=True)

@@ -1,30 +1,144 @@
-"""(in work) Static drape solver: the signature the other packages build on."""
+"""From a flat sample to a certified stable equilibrium."""
 
 from __future__ import annotations
 
-from simcore.drape import Drape
+import math
+import time
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore import lang
+from simcore.drape import Drape, DrapeStatus
+from simcore.errors import InputError
+from simcore.grid import Grid
 from simcore.mechanics import Jitter, Mechanics
 from simcore.mesh import GridMesh
+from simcore.newton import Newton, NewtonOptions, Rest
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
 
+Array = NDArray[np.float64]
+COARSEST_CELL_M = 0.02
+
+
+def cascade(mesh: GridMesh) -> list[Grid]:
+    """Grids from about 20 mm cells down to the mesh's own, each about half the cell of the one before."""
+    columns, rows = mesh.columns - 1, mesh.rows - 1
+    grids = [Grid(rows + 1, columns + 1, mesh.resolution_m, mesh.resolution_m)]
+    while grids[0].hu < 0.75 * COARSEST_CELL_M and min(rows, columns) >= 16:
+        rows, columns = math.ceil(rows / 2), math.ceil(columns / 2)
+        grids.insert(0, Grid(rows + 1, columns + 1, mesh.size_m[0] / columns, mesh.size_m[1] / rows))
+    return grids
+
+
+def prolong(x: Array, grid: Grid) -> Array:
+    """Bicubic interpolation of positions to another grid of the same sample; shape [rows, columns, 3]."""
+    from scipy.interpolate import RectBivariateSpline
+
+    v, u = np.linspace(0, 1, x.shape[0]), np.linspace(0, 1, x.shape[1])
+    fine_v, fine_u = np.linspace(0, 1, grid.rows), np.linspace(0, 1, grid.columns)
+    return np.stack([RectBivariateSpline(v, u, x[..., c])(fine_v, fine_u) for c in range(3)], axis=2)
+
 
 class Solver:
-    """Compiled once for a mesh, reused for any fabric, set-up, seed and mechanics. Not thread-safe; one a process."""
+    """Compiled once for a mesh, reused for any fabric, set-up, seed and mechanics.
+
+    Not thread-safe; one a process. Newton on a cascade of grids, starting from short implicit dynamics on the coarsest
+    (see ``docs/conventions.md``).
+    """
 
     def __init__(self, mesh: GridMesh) -> None:
+        lang.start()
+        from simcore.level import Level
+
         self.mesh = mesh
+        self.levels = [Level(grid) for grid in cascade(mesh)]
 
     def solve(
         self,
         fabric: FabricParameters,
         setup: Setup,
         *,
-        seed: int | tuple[int, ...] = 0,
+        seed: int | Sequence[int] | np.random.SeedSequence = 0,
         jitter: Jitter = Jitter(),
         mechanics: Mechanics = Mechanics(),
         start: Drape | None = None,
         time_limit_s: float | None = None,
     ) -> Drape:
-        """Bring the sample to rest; ``start`` continues from an earlier drape (no placement, no jitter)."""
-        raise NotImplementedError
+        """Bring the sample to rest.
+
+        Args:
+            fabric: the seven parameters.
+            setup: scene and pins, panel frame [m].
+            seed: of the jitter; the same seed gives the same bits.
+            jitter: scales of the differences between repeats.
+            mechanics: optional physics.
+            start: continue from this drape of the same mesh instead of putting the sample up afresh; the pins then
+                move straight to their places and the jitter of forces and placement plays no part.
+            time_limit_s: CPU seconds after which the best so far is returned as ``not_still``.
+
+        Returns:
+            The drape, with a status and a reason when it is not still.
+
+        Raises:
+            InputError: the set-up's sample is not the mesh's, or ``start`` is of another mesh.
+        """
+        from simcore.placement import Perturbation
+
+        if any(abs(a - b) > 1e-9 for a, b in zip(setup.sample_size_m, self.mesh.size_m, strict=True)):
+            raise InputError(f"the mesh is for a sample of {self.mesh.size_m} m, the set-up has {setup.sample_size_m} m")
+        if start is not None and start.mesh != self.mesh:
+            raise InputError("a drape can only be continued on the mesh it was made on", code="mesh_mismatch")
+        began = time.process_time()
+        deadline = math.inf if time_limit_s is None else began + time_limit_s
+        sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+        perturbation = Perturbation.draw(setup, jitter, sequence)
+        iterations = 0
+        rest: Rest | None = None
+        levels = self.levels if start is None else self.levels[-1:]
+        x = None if start is None else start.vertices.reshape(levels[-1].grid.shape).copy()
+        for level in levels:
+            x, count = self._begin(level, x, fabric, setup, mechanics, perturbation)
+            last = level is levels[-1]
+            options = NewtonOptions() if last else NewtonOptions(tolerance=1e-2, certify=False, iterations=60)
+            rest = Newton(level, options, deadline).minimise(x)
+            x = rest.x
+            iterations += count + rest.iterations
+        assert rest is not None and x is not None
+        return self._drape(rest, levels[-1].energy(x), iterations, time.process_time() - began, deadline)
+
+    def _begin(
+        self, level: object, x: Array | None, fabric: FabricParameters, setup: Setup, mechanics: Mechanics, perturbation: object
+    ) -> tuple[Array, int]:
+        """Set a level up for the fabric and give it positions to start from."""
+        from simcore.contact import PanelContact
+        from simcore.level import Level
+        from simcore.placement import Perturbation, Pins, put_up
+
+        assert isinstance(level, Level) and isinstance(perturbation, Perturbation)
+        grid = level.grid
+        pins = Pins.of(grid, setup, perturbation.pin_moves)
+        contact = PanelContact.of(grid.areas, fabric.density * 9.81, setup.panel)
+        level.set_up(fabric, mechanics, contact, pins.fixed)
+        if x is None:
+            return put_up(level, pins, perturbation)
+        if x.shape != grid.shape:
+            x = prolong(x, grid)
+        pins.hold(x, 1.0)
+        if setup.panel:
+            free = pins.fixed == 0
+            x[..., 2][free] = np.maximum(x[..., 2][free], 0.2 * contact.reach_m)
+        return x, 0
+
+    def _drape(self, rest: Rest, energy: float, iterations: int, seconds: float, deadline: float) -> Drape:
+        vertices = rest.x.reshape(-1, 3)
+        status, reason = DrapeStatus.STILL, ""
+        if not np.isfinite(vertices).all() or not math.isfinite(rest.residual):
+            status, reason = DrapeStatus.DIVERGED, "positions are not finite"
+        elif not rest.converged:
+            status = DrapeStatus.NOT_STILL
+            late = time.process_time() > deadline
+            reason = "time limit" if late else f"residual {rest.residual:.2g} vertex weights after {rest.iterations} steps"
+        return Drape(self.mesh, vertices, status, rest.residual, energy, rest.stable, iterations, seconds, reason)

@@ -1,0 +1,88 @@
+"""The one place that imports Taichi.
+
+One runtime a process, float64, started on first use. Kernels elsewhere say ``from simcore.lang import ti`` and call
+:func:`start` before their first launch. Each process gets its own offline cache folder: parallel workers corrupt a
+shared one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("TI_LOG_LEVEL", "error")
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+
+import taichi as ti  # noqa: E402  (the two settings above must be made first)
+
+__all__ = ["start", "ti"]
+
+_started: str | None = None
+
+
+def start(arch: str = "cpu") -> Any:
+    """Start the runtime of this process once; later calls with the same ``arch`` do nothing.
+
+    Args:
+        arch: ``cpu`` (one thread: a worker owns a core) or ``cuda``.
+
+    Raises:
+        RuntimeError: started before with another ``arch``.
+    """
+    global _started
+    if _started is None:
+        with contextlib.redirect_stdout(io.StringIO()):  # it greets on standard output, which belongs to results
+            _initialise(arch)
+        _started = arch
+    elif _started != arch:
+        raise RuntimeError(f"Taichi runs on {_started} in this process; start another process for {arch}")
+    return ti
+
+
+def _initialise(arch: str) -> None:
+    ti.init(
+        arch=ti.cuda if arch == "cuda" else ti.cpu,
+        default_fp=ti.f64,
+        default_ip=ti.i32,
+        cpu_max_num_threads=1,
+        offline_cache=True,
+        offline_cache_file_path=str(_cache_folder()),
+        log_level=ti.ERROR,
+    )
+
+
+def _cache_folder() -> Path:
+    """Cache of compiled kernels: ``DRAPEMETER_KERNEL_CACHE`` when set (a worker's own), else one that no other live
+    process of this user holds."""
+    named = os.environ.get("DRAPEMETER_KERNEL_CACHE")
+    if named:
+        folder = Path(named)
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path(tempfile.gettempdir()) / f"drapemeter-{os.getuid()}")
+    return _claim(root / "kernels")
+
+
+_claims: list[Any] = []
+
+
+def _claim(root: Path) -> Path:
+    """First numbered folder under ``root`` whose lock is free; the lock is held until the process ends."""
+    import fcntl
+
+    for number in range(256):
+        folder = root / str(number)
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = (folder / "lock").open("w")
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            handle.close()
+            continue
+        _claims.append(handle)
+        return folder / "cache"
+    raise RuntimeError(f"all 256 kernel cache folders under {root} are in use")

@@ -1,0 +1,121 @@
+"""Energy, gradient and Hessian of the cloth on one grid, with all fields kept between solves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore import kernels
+from simcore.bending import PlateRigidity
+from simcore.contact import PanelContact
+from simcore.grid import BendingForms, Grid
+from simcore.mechanics import Mechanics
+from simcore.pardiso import Factorisation
+from simcore.parameters import FabricParameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a fabric and its mechanics put on a level's vertices.
+
+    Attributes:
+        mass: [kg], shape [rows, columns].
+        force: constant force [N], shape [rows, columns, 3].
+        weight: weight of an interior vertex [N], the unit of residuals.
+    """
+
+    mass: Array
+    force: Array
+    weight: float
+
+    @classmethod
+    def of(cls, grid: Grid, fabric: FabricParameters, mechanics: Mechanics) -> Load:
+        """Gravity and a uniform draft, lumped to vertices by area."""
+        mass = fabric.density * grid.areas
+        force = mass[..., None] * np.asarray(mechanics.gravity)
+        force[..., 2] += mechanics.air_pressure_pa * grid.areas
+        gravity = math.sqrt(sum(g * g for g in mechanics.gravity))
+        return cls(mass, force, fabric.density * grid.hu * grid.hv * gravity)
+
+
+class Level:
+    """One grid of the cascade.
+
+    Holds the constant operators, the factorisation and scratch fields; :meth:`load` sets a fabric. Positions are
+    float64 arrays of shape [rows, columns, 3] in the panel frame.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        self.grid = grid
+        self.forms = BendingForms.of(grid)
+        self._indptr, indices, self._slot = grid.pattern
+        self.factorisation = Factorisation(self._indptr, indices)
+        rows, columns = grid.rows, grid.columns
+        self._values: Array = np.zeros(len(indices))
+        self._vertex_energy: Array = np.zeros((rows, columns))
+        self._cell_forces: Array = np.zeros((rows - 1, columns - 1, 9))
+        self._cell_hessians: Array = np.zeros((rows - 1, columns - 1, 54))
+        self.fixed = np.zeros((rows, columns), dtype=np.int32)
+        self.extra_force: Array = np.zeros(grid.shape)
+
+    def set_up(self, fabric: FabricParameters, mechanics: Mechanics, contact: PanelContact, fixed: NDArray[np.int32]) -> None:
+        """Choose what is solved next: fabric, mechanics, contact and the held vertices (int32, 1 = held)."""
+        plate = PlateRigidity.of(fabric)
+        angle = mechanics.off_grain_rad
+        stiffening = 0.0 if mechanics.stiffening_strain is None else mechanics.stiffening_strain**-2
+        self.membrane = np.array(
+            [fabric.stretch_weft, fabric.stretch_warp, fabric.stretch_bias, math.cos(angle), math.sin(angle), stiffening,
+             self.grid.hu, self.grid.hv]
+        )  # fmt: skip
+        self.bending = self.forms.stencil(plate.weft, plate.warp, plate.coupling, plate.twist)
+        self.loads = Load.of(self.grid, fabric, mechanics)
+        self.contact = contact
+        self.fixed = fixed
+        self.extra_force[:] = 0.0
+
+    def energy(self, x: Array) -> float:
+        """Total potential energy [J]; infinite where a vertex is behind the panel."""
+        contact = self.contact.energy(x, self.fixed)
+        if not math.isfinite(contact):
+            return math.inf
+        elastic = kernels.membrane_energy(x, self.membrane, self._vertex_energy)
+        bending = kernels.form_energy(x, self.bending, self._vertex_energy)
+        return float(elastic + bending + contact - np.vdot(self.loads.force + self.extra_force, x))
+
+    def gradient(self, x: Array) -> Array:
+        """Derivative of the energy [N], zero where held."""
+        out = np.empty(self.grid.shape)
+        kernels.membrane_cell_forces(x, self.membrane, self._cell_forces)
+        force = self.loads.force + self.extra_force
+        kernels.gather_gradient(x, self._cell_forces, self.bending, force, self.fixed, out)
+        self.contact.add_gradient(x, self.fixed, out)
+        return out
+
+    def residual(self, gradient: Array) -> float:
+        """RMS out-of-balance force per free vertex, in weights of an interior vertex."""
+        free = self.fixed.size - int(self.fixed.sum())
+        return float(np.linalg.norm(gradient) / math.sqrt(max(free, 1)) / self.loads.weight)
+
+    def factor(self, x: Array, blend: float, shift: Array | float = 0.0) -> int:
+        """Assemble and factor the Hessian, blended towards a positive one, plus a diagonal ``shift`` [N/m] a vertex.
+
+        Returns:
+            The number of its negative eigenvalues.
+        """
+        kernels.membrane_cell_hessians(x, self.membrane, blend, self._cell_hessians)
+        vertex = self.contact.hessian(x, self.fixed)
+        vertex[..., :3] += shift[..., None] if isinstance(shift, np.ndarray) else shift
+        stiffness = float(self.membrane[:3].max())
+        kernels.assemble(
+            self._cell_hessians, self.bending, vertex, self.fixed, self._slot, self._indptr, stiffness, self._values
+        )
+        return self.factorisation.factor(self._values)
+
+    def solve(self, right: Array) -> Array:
+        """Solve with the last factorisation; shapes [rows, columns, 3]."""
+        return self.factorisation.solve(right.ravel()).reshape(self.grid.shape)
