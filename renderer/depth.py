@@ -1,0 +1,198 @@
+"""Depth pictures of a drape before its panel, by ray casting."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from renderer.camera import Camera, ray_directions
+from renderer.pose import check_pose, inclination_pose
+from renderer.raycast import NO_TRIANGLE, RayHits, RayScene
+from renderer.surface import vertex_normals
+from simcore.errors import InputError
+
+PanelExtent = tuple[float, float, float, float]
+"""x_min, x_max, y_min, y_max of a panel that does not fill the picture [m], panel frame."""
+
+_CONTACT_M = 1e-5
+"""Cloth this far behind the panel's front still counts as lying on it [m]."""
+
+
+@dataclass(frozen=True)
+class DepthBuffers:
+    """A depth picture with what was seen where.
+
+    Attributes:
+        depth: z-depth [m], float32 [H, W]; 0 = nothing.
+        cloth: the pixel shows cloth, bool [H, W].
+        triangle: index of the cloth's triangle, int32 [H, W]; -1 where there is no cloth.
+        barycentric: weights of the triangle's second and third corner, float32 [H, W, 2]; 0 where there is no cloth.
+        normals: smooth unit normals of the side that is seen, camera frame, float32 [H, W, 3]; the panel's own on
+            the panel, 0 where there is nothing.
+    """
+
+    depth: NDArray[np.float32]
+    cloth: NDArray[np.bool_]
+    triangle: NDArray[np.int32]
+    barycentric: NDArray[np.float32]
+    normals: NDArray[np.float32]
+
+
+def render_depth(
+    vertices: ArrayLike,
+    triangles: ArrayLike,
+    camera: Camera,
+    camera_from_panel: ArrayLike,
+    *,
+    panel: bool = True,
+    panel_extent_m: PanelExtent | None = None,
+    inclination_deg: float = 0.0,
+    incline_panel: bool = True,
+) -> NDArray[np.float32]:
+    """z-depth of the first thing each pixel's ray meets.
+
+    The sample is inclined about the horizontal axis through its top pins together with its panel, against a camera
+    that stays (``incline_panel=False``: the cloth alone; a hem taken back then vanishes behind the panel).
+
+    Args:
+        vertices: drape [m], panel frame, shape [V, 3].
+        triangles: int, shape [T, 3].
+        camera: intrinsics with distortion.
+        camera_from_panel: pose, [4, 4].
+        panel: a panel stands at z = 0.
+        panel_extent_m: its borders; None = it fills the picture.
+        inclination_deg: positive brings the hem towards the camera [degree].
+
+    Returns:
+        float32 [H, W], metres along the optical axis (never ray length), 0 = no data.
+
+    Raises:
+        InputError: mesh not finite or empty, pose not rigid, inclination absurd, camera behind the panel.
+    """
+    return render_depths(
+        vertices,
+        triangles,
+        camera,
+        camera_from_panel,
+        (inclination_deg,),
+        panel=panel,
+        panel_extent_m=panel_extent_m,
+        incline_panel=incline_panel,
+    )[0]
+
+
+def render_depths(
+    vertices: ArrayLike,
+    triangles: ArrayLike,
+    camera: Camera,
+    camera_from_panel: ArrayLike,
+    inclinations_deg: Sequence[float],
+    *,
+    panel: bool = True,
+    panel_extent_m: PanelExtent | None = None,
+    incline_panel: bool = True,
+) -> NDArray[np.float32]:
+    """:func:`render_depth` for several inclinations of one drape: the mesh is built once.
+
+    Returns:
+        float32 [inclinations, H, W], metres.
+    """
+    scene = RayScene(vertices, triangles)
+    pose = check_pose(camera_from_panel)
+    pictures = np.empty((len(inclinations_deg), camera.height, camera.width), dtype=np.float32)
+    for k, inclination in enumerate(inclinations_deg):
+        inclined = pose @ inclination_pose(inclination)
+        hits = scene.cast(camera, inclined)
+        behind = panel_depth(camera, inclined if incline_panel else pose, panel_extent_m) if panel else None
+        pictures[k] = _compose(hits, behind)[0]
+    return pictures
+
+
+def render_buffers(
+    vertices: ArrayLike,
+    triangles: ArrayLike,
+    camera: Camera,
+    camera_from_panel: ArrayLike,
+    *,
+    panel: bool = True,
+    panel_extent_m: PanelExtent | None = None,
+    inclination_deg: float = 0.0,
+    incline_panel: bool = True,
+) -> DepthBuffers:
+    """:func:`render_depth` with the cloth's mask, triangles, barycentric weights and normals."""
+    scene = RayScene(vertices, triangles)
+    pose = check_pose(camera_from_panel)
+    inclined = pose @ inclination_pose(inclination_deg)
+    panel_pose = inclined if incline_panel else pose
+    hits = scene.cast(camera, inclined)
+    behind = panel_depth(camera, panel_pose, panel_extent_m) if panel else None
+    depth, cloth = _compose(hits, behind)
+    normals = hit_normals(scene, hits, camera, inclined)
+    normals[~cloth] = 0.0
+    if panel:
+        normals[(depth > 0.0) & ~cloth] = panel_pose[:3, 2]
+    triangle = np.where(cloth, hits.triangle, np.int32(NO_TRIANGLE))
+    barycentric = np.where(cloth[..., None], hits.barycentric, np.float32(0.0))
+    return DepthBuffers(depth, cloth, triangle, barycentric, normals)
+
+
+def panel_depth(camera: Camera, camera_from_panel: ArrayLike, extent_m: PanelExtent | None = None) -> NDArray[np.float32]:
+    """z-depth of the plane z = 0 of the panel frame, exact, float32 [H, W]; ``inf`` where a ray misses it.
+
+    Raises:
+        InputError: the camera stands behind the panel.
+    """
+    pose = check_pose(camera_from_panel)
+    normal, origin = pose[:3, 2], pose[:3, 3]
+    distance = float(normal @ origin)  # negative: the camera is on the front side
+    if distance >= 0.0:
+        raise InputError(
+            "the camera stands behind the panel: check camera_from_panel, or render with panel=False",
+            code="camera_behind_panel",
+        )
+    slope = ray_directions(camera) @ normal
+    with np.errstate(divide="ignore"):
+        depth = np.where(slope < 0.0, distance / slope, np.inf)
+    if extent_m is not None:
+        x_min, x_max, y_min, y_max = extent_m
+        seen = np.isfinite(depth)
+        points = ray_directions(camera)[seen] * depth[seen][:, None] - origin
+        x, y = points @ pose[:3, 0], points @ pose[:3, 1]
+        depth[seen] = np.where((x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max), depth[seen], np.inf)
+    return depth.astype(np.float32)
+
+
+def hit_normals(
+    scene: RayScene, hits: RayHits, camera: Camera, camera_from_panel: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Smooth unit normals at the hits, of the side seen, camera frame, float32 [H, W, 3]; 0 where rays miss.
+
+    The side is that of the flat triangle, so that shading does not flip where smooth normals lean past a silhouette.
+    """
+    normals = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
+    seen = hits.triangle != NO_TRIANGLE
+    triangle = hits.triangle[seen]
+    rotation = camera_from_panel[:3, :3]
+    at_vertices = vertex_normals(scene.vertices, scene.triangles) @ rotation.T
+    i, j, k = scene.triangles[triangle].T
+    u, v = hits.barycentric[seen].astype(np.float64).T[..., None]
+    smooth = (1.0 - u - v) * at_vertices[i] + u * at_vertices[j] + v * at_vertices[k]
+    smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-12)
+    a, b, c = (scene.vertices[scene.triangles[:, corner]] for corner in range(3))
+    flat = (np.cross(b - a, c - a) @ rotation.T)[triangle]
+    away = np.sum(flat * ray_directions(camera)[seen], axis=1) > 0.0
+    normals[seen] = np.where(away[:, None], -smooth, smooth)
+    return normals
+
+
+def _compose(hits: RayHits, panel: NDArray[np.float32] | None) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Depth picture (0 = nothing) and cloth mask of cloth before an optional panel."""
+    cloth = np.isfinite(hits.depth)
+    depth = hits.depth
+    if panel is not None:
+        cloth &= hits.depth <= panel + np.float32(_CONTACT_M)
+        depth = np.where(cloth, np.minimum(hits.depth, panel), panel)
+    return np.where(np.isfinite(depth), depth, np.float32(0.0)), cloth

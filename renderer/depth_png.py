@@ -1,0 +1,100 @@
+"""Depth pictures as 16-bit PNG files; 0 = no data."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from renderer.atomic import write_atomically
+from simcore.errors import InputError
+
+MAX_COUNT = 65535
+
+
+def quantise_depth(depth: ArrayLike, depth_unit_m: float) -> NDArray[np.uint16]:
+    """Counts of a depth picture, the nearest whole number; uint16, same shape. :func:`dequantise_depth` inverts it.
+
+    Args:
+        depth: z-depth [m]; 0 = no data.
+        depth_unit_m: metres per count.
+
+    Raises:
+        InputError: depths that are not finite, negative, or beyond what 16 bits hold in that unit.
+    """
+    metres = np.asarray(depth, dtype=np.float64)
+    if not np.isfinite(depth_unit_m) or depth_unit_m <= 0.0:
+        raise InputError(f"depth unit {depth_unit_m} m must be positive", code="depth_unit")
+    if not np.all(np.isfinite(metres)) or metres.min(initial=0.0) < 0.0:
+        raise InputError("depth must be finite and not negative; write 0 where there is no data", code="depth_invalid")
+    counts = np.rint(metres / depth_unit_m)
+    highest = metres.max(initial=0.0)
+    if counts.max(initial=0.0) > MAX_COUNT:
+        raise InputError(
+            f"depth of {highest:.4g} m does not fit 16 bits in units of {depth_unit_m:g} m (up to "
+            f"{MAX_COUNT * depth_unit_m:.4g} m): use a depth_unit_m of at least {highest / MAX_COUNT:.2g}",
+            code="depth_overflow",
+        )
+    if np.any((counts == 0.0) & (metres > 0.0)):
+        raise InputError(
+            f"depths below half a unit of {depth_unit_m:g} m would read as no data: use a smaller depth_unit_m",
+            code="depth_unit",
+        )
+    return counts.astype(np.uint16)
+
+
+def dequantise_depth(counts: ArrayLike, depth_unit_m: float) -> NDArray[np.float32]:
+    """z-depth [m] of counts, float32, same shape; 0 stays 0 = no data."""
+    return (np.asarray(counts, dtype=np.float64) * depth_unit_m).astype(np.float32)
+
+
+def write_depth_png(path: Path | str, depth: ArrayLike, depth_unit_m: float = 1e-4) -> None:
+    """Write a depth picture [m], shape [H, W], as a 16-bit grey PNG; whole or not at all.
+
+    Raises:
+        InputError: see :func:`quantise_depth`; or the file cannot be written.
+    """
+    from PIL import Image
+
+    counts = quantise_depth(depth, depth_unit_m)
+    if counts.ndim != 2 or 0 in counts.shape:
+        raise InputError(f"a depth picture has shape [rows, columns], got {counts.shape}", code="depth_shape")
+    content = io.BytesIO()
+    Image.fromarray(counts).save(content, format="PNG")
+    write_atomically(path, content.getvalue())
+
+
+def read_depth_png(path: Path | str, depth_unit_m: float = 1e-4) -> NDArray[np.float32]:
+    """Depth picture [m], float32 [H, W], of a 16-bit grey PNG; 0 = no data.
+
+    Raises:
+        InputError: no such file, not a PNG, cut off, or not one channel of 16 bits.
+    """
+    return dequantise_depth(read_counts(path), depth_unit_m)
+
+
+def read_counts(path: Path | str) -> NDArray[np.uint16]:
+    """Counts of a 16-bit grey PNG, uint16 [H, W]. Raises like :func:`read_depth_png`."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read depth picture {path}: {error.strerror}", code="depth_missing") from error
+    try:
+        with Image.open(io.BytesIO(content), formats=["PNG"]) as picture:
+            mode = picture.mode
+            picture.load()
+            counts = np.array(picture)
+    except UnidentifiedImageError as error:
+        raise InputError(f"{path} is not a PNG picture", code="depth_not_png") from error
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError(f"depth picture {path} is damaged or cut off: {error}", code="depth_damaged") from error
+    if mode != "I;16":
+        raise InputError(
+            f"depth picture {path} must be one channel of 16 bits, got mode {mode!r}: save it as 16-bit grey PNG",
+            code="depth_not_16_bit",
+        )
+    return counts.astype(np.uint16)
