@@ -81,7 +81,9 @@ class Camera:
         """
         width, height = self.width * factor, self.height * factor
         if abs(width - round(width)) > 1e-6 or abs(height - round(height)) > 1e-6:
-            raise InputError(f"factor {factor} does not give whole pixels of {self.width} x {self.height}", code="camera")
+            raise InputError(
+                f"factor {factor} does not give whole pixels of {self.width} x {self.height}", code="camera"
+            )
         return Camera(
             round(width),
             round(height),

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from renderer.camera import Camera, ray_directions
 from renderer.pose import check_pose, inclination_pose
 from renderer.raycast import NO_TRIANGLE, RayHits, RayScene
-from renderer.surface import vertex_normals
+from renderer.surface import triangle_areas, vertex_normals
 from simcore.errors import InputError
 
 PanelExtent = tuple[float, float, float, float]
@@ -139,7 +139,9 @@ def render_buffers(
     return DepthBuffers(depth, cloth, triangle, barycentric, normals)
 
 
-def panel_depth(camera: Camera, camera_from_panel: ArrayLike, extent_m: PanelExtent | None = None) -> NDArray[np.float32]:
+def panel_depth(
+    camera: Camera, camera_from_panel: ArrayLike, extent_m: PanelExtent | None = None
+) -> NDArray[np.float32]:
     """z-depth of the plane z = 0 of the panel frame, exact, float32 [H, W]; ``inf`` where a ray misses it.
 
     Raises:
@@ -174,17 +176,19 @@ def hit_normals(
     """
     normals = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
     seen = hits.triangle != NO_TRIANGLE
-    triangle = hits.triangle[seen]
+    triangle, rays = hits.triangle[seen], ray_directions(camera)[seen].astype(np.float32)
     rotation = camera_from_panel[:3, :3]
-    at_vertices = vertex_normals(scene.vertices, scene.triangles) @ rotation.T
-    i, j, k = scene.triangles[triangle].T
-    u, v = hits.barycentric[seen].astype(np.float64).T[..., None]
-    smooth = (1.0 - u - v) * at_vertices[i] + u * at_vertices[j] + v * at_vertices[k]
-    smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-12)
-    a, b, c = (scene.vertices[scene.triangles[:, corner]] for corner in range(3))
-    flat = (np.cross(b - a, c - a) @ rotation.T)[triangle]
-    away = np.sum(flat * ray_directions(camera)[seen], axis=1) > 0.0
-    normals[seen] = np.where(away[:, None], -smooth, smooth)
+    at_vertices = (vertex_normals(scene.vertices, scene.triangles) @ rotation.T).astype(np.float32)
+    corners = np.take(scene.triangles, triangle, axis=0)
+    u, v = hits.barycentric[seen].T[..., None]
+    smooth = (np.float32(1.0) - u - v) * np.take(at_vertices, corners[:, 0], axis=0)
+    smooth += u * np.take(at_vertices, corners[:, 1], axis=0)
+    smooth += v * np.take(at_vertices, corners[:, 2], axis=0)
+    length = np.sqrt(np.einsum("nc,nc->n", smooth, smooth))
+    flat = (triangle_areas(scene.vertices, scene.triangles) @ rotation.T).astype(np.float32)
+    away = np.einsum("nc,nc->n", np.take(flat, triangle, axis=0), rays) > 0.0
+    smooth *= (np.where(away, np.float32(-1.0), np.float32(1.0)) / np.maximum(length, np.float32(1e-12)))[:, None]
+    normals[seen] = smooth
     return normals
 
 

@@ -75,6 +75,4 @@ def inclination_pose(inclination_deg: float) -> NDArray[np.float64]:
         )
     angle = -math.radians(inclination_deg)
     cosine, sine = math.cos(angle), math.sin(angle)
-    return np.array(
-        [[1.0, 0.0, 0.0, 0.0], [0.0, cosine, -sine, 0.0], [0.0, sine, cosine, 0.0], [0.0, 0.0, 0.0, 1.0]]
-    )
+    return np.array([[1.0, 0.0, 0.0, 0.0], [0.0, cosine, -sine, 0.0], [0.0, sine, cosine, 0.0], [0.0, 0.0, 0.0, 1.0]])

@@ -95,9 +95,13 @@ class RayScene:
             return everything
         seen = points[:, :2] / points[:, 2:]
         low, high = seen.min(axis=0) - 1e-6, seen.max(axis=0) + 1e-6
-        directions = ray_directions(camera)[..., :2]
-        inside = np.all((directions >= low) & (directions <= high), axis=-1)
-        rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
-        if rows.size == 0:
+        x, y = ray_directions(camera)[..., 0], ray_directions(camera)[..., 1]
+        if camera.distorted:
+            inside = (x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1])
+            rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+        else:  # x depends on the column alone, y on the row
+            columns = np.flatnonzero((x[0] >= low[0]) & (x[0] <= high[0]))
+            rows = np.flatnonzero((y[:, 0] >= low[1]) & (y[:, 0] <= high[1]))
+        if rows.size == 0 or columns.size == 0:
             return None
         return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

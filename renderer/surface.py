@@ -35,13 +35,26 @@ def check_surface(vertices: ArrayLike, triangles: ArrayLike) -> tuple[NDArray[np
     return v, t.astype(np.int32, copy=False)
 
 
+def triangle_areas(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Normal of each triangle times twice its area [m²], float64 [T, 3]."""
+    a, b, c = (np.take(vertices, triangles[:, corner], axis=0) for corner in range(3))
+    first, second = b - a, c - a
+    return np.stack(
+        [
+            first[:, 1] * second[:, 2] - first[:, 2] * second[:, 1],
+            first[:, 2] * second[:, 0] - first[:, 0] * second[:, 2],
+            first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0],
+        ],
+        axis=1,
+    )
+
+
 def vertex_normals(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) -> NDArray[np.float64]:
     """Unit normals, area-weighted over the triangles at each vertex, float64 [V, 3].
 
     Summed in a fixed order, so that the same mesh gives the same bits. Vertices of no area get (0, 0, 1).
     """
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    areas = np.cross(b - a, c - a)
+    areas = triangle_areas(vertices, triangles)
     corners = triangles.T.ravel()
     normals = np.stack(
         [np.bincount(corners, weights=np.tile(areas[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
