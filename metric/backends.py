@@ -1,0 +1,103 @@
+"""The small interface behind which every way to compare two drapes stands, and its register."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from enum import StrEnum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metric.render import DrapeRender
+from simcore.errors import InputError
+
+Features = Any
+"""What a back end computes once a render; only the back end that made it reads it."""
+
+
+class Channel(StrEnum):
+    """What a back end looks at."""
+
+    SHADED = "shaded"
+    DEPTH = "depth"
+
+
+class Backend(Protocol):
+    """One image distance IM(a, b): 0 for the same picture, larger for less alike.
+
+    Attributes:
+        name: as given to ``--backend``.
+        channel: which picture of a render it reads.
+        unit: unit of the distance, "" where it has none.
+        fingerprint: changes whenever the same picture would give other features (weights, version).
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def channel(self) -> Channel: ...
+
+    @property
+    def unit(self) -> str: ...
+
+    @property
+    def fingerprint(self) -> str: ...
+
+    def features(self, renders: Sequence[DrapeRender]) -> list[Features]:
+        """One pass over each render, in batches.
+
+        Raises:
+            InputError: renders of different size, or without the channel.
+        """
+        ...
+
+    def table(self, a: Sequence[Features], b: Sequence[Features]) -> NDArray[np.float64]:
+        """IM of every pair, float64, shape [len(a), len(b)]."""
+        ...
+
+
+def distance(backend: Backend, a: DrapeRender, b: DrapeRender) -> float:
+    """IM of one pair of renders."""
+    first, second = backend.features([a, b])
+    return float(backend.table([first], [second])[0, 0])
+
+
+def _lpips(net: str) -> Callable[[], Backend]:
+    def make() -> Backend:
+        from metric.lpips_backend import LpipsBackend
+
+        return LpipsBackend(net)
+
+    return make
+
+
+def _depth() -> Backend:
+    from metric.depth_rmse import DepthRmse
+
+    return DepthRmse()
+
+
+_REGISTER: dict[str, Callable[[], Backend]] = {
+    "lpips": _lpips("squeeze"),
+    "lpips-squeeze": _lpips("squeeze"),
+    "lpips-alex": _lpips("alex"),
+    "lpips-vgg": _lpips("vgg"),
+    "depth": _depth,
+}
+
+BACKEND_NAMES: tuple[str, ...] = tuple(_REGISTER)
+"""Names that :func:`get_backend` knows."""
+
+
+def get_backend(name: str) -> Backend:
+    """Make a back end by name.
+
+    Raises:
+        InputError: unknown name.
+        MissingResourceError: its weights are not on this machine and cannot be downloaded.
+    """
+    if name not in _REGISTER:
+        raise InputError(f"unknown back end {name!r}: choose one of {', '.join(BACKEND_NAMES)}", code="backend_unknown")
+    return _REGISTER[name]()

@@ -1,0 +1,99 @@
+"""One simulation and its pictures: what a worker process does."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from metric.render import DrapeRender
+from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from renderer.depth import render_depth
+from renderer.shade import ShadedRenderer
+from simcore.drape import Drape
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Scene, Setup
+from simcore.solver import Solver
+
+_SCENE_WORDS = {Scene.HANGING: 0, Scene.STRETCH: 1}
+
+
+@dataclass(frozen=True)
+class DrapeRequest:
+    """One simulation to run.
+
+    Attributes:
+        fabric: parameters.
+        scene: scene.
+        repeat: number of the repeat; each has initial forces of its own.
+        seed: seed of the whole job.
+        resolution_m: edge of a mesh cell [m].
+        attempts: how often to try.
+    """
+
+    fabric: FabricParameters
+    scene: Scene
+    repeat: int
+    seed: int
+    resolution_m: float
+    attempts: int = 3
+
+    def solver_seed(self, attempt: int) -> tuple[int, ...]:
+        """Words of the solver's seed sequence for one attempt."""
+        word = int.from_bytes(hashlib.sha256(self.fabric.as_array().tobytes()).digest()[:4], "big")
+        return (self.seed, word, _SCENE_WORDS[self.scene], self.repeat, attempt)
+
+
+@dataclass(frozen=True)
+class RequestResult:
+    """What came of a request.
+
+    Attributes:
+        request: the request.
+        render: pictures of the drape; None where no attempt came to rest.
+        failures: why each failed attempt failed, in order.
+    """
+
+    request: DrapeRequest
+    render: DrapeRender | None
+    failures: tuple[str, ...] = ()
+
+
+def run_request(request: DrapeRequest) -> RequestResult:
+    """Simulate until one attempt comes to rest, then render. Runs in the process that owns the Taichi runtime."""
+    failures: list[str] = []
+    for attempt in range(request.attempts):
+        drape = _solver(request.resolution_m).solve(
+            request.fabric, Setup.nominal(request.scene), seed=request.solver_seed(attempt)
+        )
+        if drape.ok:
+            return RequestResult(request, render_drape(drape), tuple(failures))
+        failures.append(f"{drape.status.value}, residual {drape.residual:.2g} {drape.reason}".strip())
+    return RequestResult(request, None, tuple(failures))
+
+
+def render_drape(drape: Drape) -> DrapeRender:
+    """Both pictures of a drape as the metric sees it: one camera, one light, grey Lambertian cloth, nothing behind."""
+    pose = frontal_pose()
+    mesh = drape.mesh
+    depth = render_depth(drape.vertices, mesh.triangles, CANONICAL_CAMERA, pose, panel=False)
+    shaded = _shader().render(drape.vertices, mesh.triangles, mesh.uv, pose)
+    return DrapeRender(
+        shaded=np.asarray(shaded, np.uint8),
+        depth=np.asarray(depth, np.float32),
+        camera=CANONICAL_CAMERA,
+        panel_depth_m=float(pose[2, 3]),
+    )
+
+
+@cache
+def _solver(resolution_m: float) -> Solver:
+    return Solver(GridMesh(resolution_m))
+
+
+@cache
+def _shader() -> ShadedRenderer:
+    return ShadedRenderer(CANONICAL_CAMERA)

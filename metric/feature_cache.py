@@ -1,0 +1,113 @@
+"""Features kept by content: the same picture is never put through a network twice."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from metric.backends import Backend, Channel, Features
+from metric.render import DrapeRender
+
+
+class FeatureCache:
+    """Least-recently-used features in memory and, if a folder is given, on disk. Not thread-safe.
+
+    Args:
+        folder: where to keep features between processes; only back ends whose features are one array use it.
+        memory_bytes: most that is kept in memory.
+        disk_bytes: most that is kept in the folder; the oldest files go first.
+    """
+
+    def __init__(
+        self, folder: Path | None = None, *, memory_bytes: int = 512 * 2**20, disk_bytes: int = 2 * 2**30
+    ) -> None:
+        self.folder = folder
+        self.passes = 0
+        self._memory: OrderedDict[str, tuple[Features, int]] = OrderedDict()
+        self._memory_bytes = memory_bytes
+        self._disk_bytes = disk_bytes
+        self._held = 0
+
+    def features(self, backend: Backend, renders: Sequence[DrapeRender]) -> list[Features]:
+        """Features of each render, computed in one batched call for those not seen before.
+
+        Args:
+            backend: the image distance.
+            renders: drape renders.
+
+        Raises:
+            InputError: as the back end's.
+        """
+        keys = [feature_key(backend, render) for render in renders]
+        known = {key: found for key in dict.fromkeys(keys) if (found := self._look_up(key)) is not None}
+        missing = {key: render for key, render in zip(keys, renders, strict=True) if key not in known}
+        if missing:
+            computed = backend.features(list(missing.values()))
+            self.passes += len(missing)
+            for key, value in zip(missing, computed, strict=True):
+                known[key] = value
+                self._keep(key, value)
+                self._write(key, value)
+            self._trim_folder()
+        return [known[key] for key in keys]
+
+    def _look_up(self, key: str) -> Features | None:
+        if key in self._memory:
+            self._memory.move_to_end(key)
+            return self._memory[key][0]
+        if self.folder is None:
+            return None
+        path = self.folder / f"{key}.npy"
+        try:
+            value = np.load(path, allow_pickle=False)
+            os.utime(path)
+        except (FileNotFoundError, ValueError, EOFError):
+            return None
+        self._keep(key, value)
+        return value
+
+    def _keep(self, key: str, value: Features) -> None:
+        size = _size(value)
+        self._memory[key] = (value, size)
+        self._held += size
+        while self._held > self._memory_bytes and len(self._memory) > 1:
+            self._held -= self._memory.popitem(last=False)[1][1]
+
+    def _write(self, key: str, value: Features) -> None:
+        if self.folder is None or not isinstance(value, np.ndarray):
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=self.folder, suffix=".part", delete=False) as stream:
+            np.save(stream, value)
+        Path(stream.name).replace(self.folder / f"{key}.npy")
+
+    def _trim_folder(self) -> None:
+        if self.folder is None or not self.folder.is_dir():
+            return
+        found = sorted((p.stat().st_mtime, p.stat().st_size, p) for p in self.folder.glob("*.npy"))
+        total = sum(size for _, size, _ in found)
+        for _, size, path in found:
+            if total <= self._disk_bytes:
+                break
+            path.unlink(missing_ok=True)
+            total -= size
+
+
+def feature_key(backend: Backend, render: DrapeRender) -> str:
+    """Key of a render's features: back end and content of the picture it reads."""
+    content = render.shaded_key if backend.channel is Channel.SHADED else render.depth_key
+    return hashlib.sha256(f"{backend.fingerprint}:{content}".encode()).hexdigest()
+
+
+def _size(value: Features) -> int:
+    if isinstance(value, np.ndarray):
+        return value.nbytes
+    if isinstance(value, (tuple, list)):
+        return sum(_size(v) for v in value)
+    return 64

@@ -1,0 +1,95 @@
+"""Renders kept on disk, so that a fabric is simulated once whatever it is compared with."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from metric.draping import DrapeRequest, RequestResult
+from metric.render import DrapeRender
+from renderer.camera import CANONICAL_CAMERA
+
+CACHE_VARIABLE = "DRAPEMETER_CACHE"
+
+
+def default_cache_folder() -> Path:
+    """``DRAPEMETER_CACHE``, else ``drapemeter`` in the user's cache folder."""
+    named = os.environ.get(CACHE_VARIABLE)
+    if named:
+        return Path(named)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "drapemeter"
+
+
+@dataclass(frozen=True)
+class RenderCache:
+    """A folder of renders, one file a simulation.
+
+    A file is found again only by a request with the same numbers and by the same simulation and rendering code.
+
+    Attributes:
+        folder: where the files are.
+    """
+
+    folder: Path
+
+    def load(self, request: DrapeRequest) -> RequestResult | None:
+        """The result of an earlier run of the same request, or None."""
+        try:
+            with np.load(self._path(request), allow_pickle=False) as data:
+                render = DrapeRender(
+                    shaded=data["shaded"],
+                    depth=data["depth"],
+                    camera=CANONICAL_CAMERA,
+                    panel_depth_m=float(data["panel_depth_m"]),
+                )
+                return RequestResult(request, render, tuple(str(f) for f in data["failures"]))
+        except (FileNotFoundError, zipfile.BadZipFile, EOFError, KeyError, ValueError):
+            return None
+
+    def save(self, result: RequestResult) -> None:
+        """Keep a result whose simulation came to rest."""
+        if result.render is None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=self.folder, suffix=".part", delete=False) as stream:
+            np.savez_compressed(
+                stream,
+                shaded=result.render.need_shaded(),
+                depth=result.render.need_depth(),
+                panel_depth_m=np.float64(result.render.panel_depth_m),
+                failures=np.array(result.failures, dtype=np.str_),
+            )
+        Path(stream.name).replace(self._path(result.request))
+
+    def _path(self, request: DrapeRequest) -> Path:
+        words = [
+            engine_fingerprint(),
+            request.fabric.as_array().tobytes().hex(),
+            request.scene.value,
+            str(request.repeat),
+            str(request.seed),
+            repr(request.resolution_m),
+        ]
+        return self.folder / f"{hashlib.sha256(':'.join(words).encode()).hexdigest()}.npz"
+
+
+@cache
+def engine_fingerprint() -> str:
+    """sha256 over the source of everything that decides what a render looks like."""
+    import renderer
+    import simcore
+
+    digest = hashlib.sha256()
+    for package in (simcore, renderer):
+        for path in sorted(Path(package.__path__[0]).rglob("*.py")):
+            digest.update(path.name.encode() + path.read_bytes())
+    digest.update(Path(__file__).with_name("draping.py").read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,207 @@
+"""Renders of simulated fabrics: several jittered simulations in each scene, in worker processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from metric.draping import DrapeRequest, RequestResult, run_request
+from metric.render import DrapeRender
+from metric.render_cache import RenderCache
+from simcore.errors import InputError, SimulationError
+from simcore.parameters import FabricParameters
+from simcore.scenes import Scene
+
+SCENES: tuple[Scene, ...] = (Scene.HANGING, Scene.STRETCH)
+MOST_SIMULATIONS = 1000
+
+
+@dataclass(frozen=True)
+class Retry:
+    """A simulation that did not come to rest and was done again from other initial forces.
+
+    Attributes:
+        scene: where.
+        repeat: which of the repeats.
+        reasons: why each failed attempt failed.
+    """
+
+    scene: Scene
+    repeat: int
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FabricRenders:
+    """One fabric's renders.
+
+    Attributes:
+        fabric: its parameters.
+        scenes: renders by scene, one a repeat.
+        retries: simulations that needed more than one attempt.
+    """
+
+    fabric: FabricParameters
+    scenes: dict[Scene, list[DrapeRender]]
+    retries: list[Retry] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class SimulationPlan:
+    """How a fabric is simulated.
+
+    Attributes:
+        simulations: repeats in each scene (the paper's N).
+        resolution_m: edge of a mesh cell [m].
+        seed: of all random numbers.
+        scenes: which scenes.
+        attempts: how often a simulation that does not come to rest is tried with other initial forces.
+        workers: processes; 0 for one a core, 1 for this process itself.
+
+    Raises:
+        InputError: a number out of range.
+    """
+
+    simulations: int = 5
+    resolution_m: float = 0.01
+    seed: int = 0
+    scenes: tuple[Scene, ...] = SCENES
+    attempts: int = 3
+    workers: int = 0
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.simulations <= MOST_SIMULATIONS:
+            raise InputError(
+                f"simulations must be from 1 to {MOST_SIMULATIONS}, got {self.simulations}: the paper takes 5",
+                code="simulations_out_of_range",
+            )
+        if self.seed < 0:
+            raise InputError(f"the seed must not be negative, got {self.seed}", code="seed_out_of_range")
+        if self.workers < 0 or self.attempts < 1 or not self.scenes:
+            raise InputError("workers must be >= 0, attempts >= 1 and at least one scene given", code="plan_bad")
+
+
+Runner = Callable[[Sequence[DrapeRequest]], Iterator[RequestResult]]
+"""Runs requests in any order, each once; a Ray cluster may stand behind it."""
+
+
+def simulate_fabrics(
+    fabrics: Sequence[FabricParameters],
+    plan: SimulationPlan,
+    *,
+    first_repeats: Sequence[int] | None = None,
+    runner: Runner | None = None,
+    cache: RenderCache | None = None,
+    on_done: Callable[[], None] | None = None,
+) -> list[FabricRenders]:
+    """Simulate and render each fabric ``plan.simulations`` times in each scene.
+
+    The initial forces of a repeat depend on the seed, the fabric's numbers, the scene and the repeat alone: two
+    different fabrics are independent samples, and the same call gives the same pictures.
+
+    Args:
+        fabrics: the fabrics.
+        plan: how often, how fine, which scenes.
+        first_repeats: number of each fabric's first repeat; a second sample of one fabric takes up where the first
+            ended.
+        runner: executes the requests; by default worker processes as the plan says.
+        cache: keeps renders between processes.
+        on_done: called after each simulation.
+
+    Raises:
+        SimulationError: a simulation did not come to rest in any attempt.
+    """
+    firsts = list(first_repeats) if first_repeats is not None else [0] * len(fabrics)
+    requests = [
+        DrapeRequest(fabric, scene, first + repeat, plan.seed, plan.resolution_m, plan.attempts)
+        for fabric, first in zip(fabrics, firsts, strict=True)
+        for scene in plan.scenes
+        for repeat in range(plan.simulations)
+    ]
+    results: dict[DrapeRequest, RequestResult] = {}
+    for request in requests:
+        found = cache.load(request) if cache is not None else None
+        if found is not None:
+            results[request] = found
+            _call(on_done)
+    missing = [r for r in dict.fromkeys(requests) if r not in results]
+    run = runner if runner is not None else local_runner(plan.workers)
+    for result in run(missing):
+        results[result.request] = result
+        if cache is not None and result.render is not None:
+            cache.save(result)
+        _call(on_done)
+    _refuse_failures([results[r] for r in requests])
+    return [
+        _gather(fabric, [results[r] for r in requests if r.fabric == fabric and _within(r, first, plan)], plan)
+        for fabric, first in zip(fabrics, firsts, strict=True)
+    ]
+
+
+def local_runner(workers: int) -> Runner:
+    """Runs requests in this process (``workers`` = 1) or in spawned worker processes (0: one a core)."""
+
+    def run(requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
+        count = min(workers or usable_cores(), len(requests))
+        if count <= 1:
+            yield from map(run_request, requests)
+            return
+        with _pool(count) as pool:
+            pending: set[Future[RequestResult]] = {pool.submit(run_request, r) for r in requests}
+            while pending:
+                done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield future.result()
+
+    return run
+
+
+def usable_cores() -> int:
+    """Cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
+    # Spawn: the child of a fork hangs in Taichi. One worker = one process = one Taichi runtime.
+    pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _within(request: DrapeRequest, first: int, plan: SimulationPlan) -> bool:
+    return first <= request.repeat < first + plan.simulations
+
+
+def _gather(fabric: FabricParameters, results: list[RequestResult], plan: SimulationPlan) -> FabricRenders:
+    scenes: dict[Scene, list[DrapeRender]] = {scene: [] for scene in plan.scenes}
+    retries: list[Retry] = []
+    for result in sorted({r.request: r for r in results}.values(), key=lambda r: r.request.repeat):
+        if result.render is not None:
+            scenes[result.request.scene].append(result.render)
+        if result.failures:
+            retries.append(Retry(result.request.scene, result.request.repeat, result.failures))
+    return FabricRenders(fabric, scenes, retries)
+
+
+def _refuse_failures(results: list[RequestResult]) -> None:
+    failed = [r for r in results if r.render is None]
+    if failed:
+        first = failed[0]
+        raise SimulationError(
+            f"{len(failed)} of {len(results)} simulations did not come to rest, e.g. {first.request.scene} of the "
+            f"fabric with density {first.request.fabric.density:g} kg/m² ({'; '.join(first.failures)}): "
+            "try another --seed or a finer --resolution",
+            code="simulation_not_still",
+        )
+
+
+def _call(on_done: Callable[[], None] | None) -> None:
+    if on_done is not None:
+        on_done()

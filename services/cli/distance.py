@@ -1,0 +1,77 @@
+"""`drapemeter distance`: how alike two fabrics drape."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from services.cli import console
+
+HELP = """Drape distance between two fabrics, as people see it.
+
+Simulates each fabric several times in both scenes, renders, and averages an image distance over all pairs
+(LPIPS unless --backend says otherwise).
+
+\b
+Example:
+  drapemeter distance denim.json silk.json --simulations 5 --json
+  drapemeter distance denim.json silk.json --backend depth      (needs no weights)
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("distance", help=HELP)(distance)
+
+
+def distance(
+    a: Path = typer.Argument(..., metavar="A.json", help="The seven parameters of one fabric."),
+    b: Path = typer.Argument(..., metavar="B.json", help="The seven parameters of the other."),
+    simulations: int = typer.Option(5, help="Simulations of each fabric in each scene."),
+    backend: str = typer.Option("lpips", help="Image distance; lpips (SqueezeNet), depth and others."),
+    resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]."),
+    seed: int = typer.Option(0, help="Seed of the initial forces."),
+    workers: int = typer.Option(0, help="Worker processes; 0 for one a core."),
+    cache: bool = typer.Option(True, help="Keep renders and features between runs (folder DRAPEMETER_CACHE)."),
+    as_json: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+) -> None:
+    from services.cli.metric_options import caches, check_resolution, unit_text
+    from simcore.parameters import FabricParameters
+
+    fabric_a, fabric_b = FabricParameters.load(a), FabricParameters.load(b)
+    check_resolution(resolution)
+    from metric.backends import get_backend
+    from metric.compare import compare_fabrics
+    from metric.simulate import SimulationPlan
+
+    plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
+    metric = get_backend(backend)
+    renders, features = caches(cache)
+    with console.progress("simulating", 4 * simulations) as bar:
+        found = compare_fabrics(
+            fabric_a, fabric_b, metric, plan, renders=renders, features=features, on_done=bar.advance
+        )
+    result = found.result
+    if as_json:
+        console.emit_json(
+            {
+                "distance": result.distance,
+                "standard_error": result.standard_error,
+                "scenes": result.scenes,
+                "simulations": simulations,
+                "backend": result.backend,
+                "unit": result.unit,
+                "scene_standard_errors": result.scene_errors,
+                "resolution": resolution,
+                "seed": seed,
+                "retries": found.retries,
+            }
+        )
+        return
+    error = "" if result.standard_error is None else f" ± {result.standard_error:.4f}"
+    console.say(f"drape distance {result.distance:.4f}{error}{unit_text(result.unit)}  ({result.backend})")
+    for scene, value in result.scenes.items():
+        console.say(f"  {scene:<8} {value:.4f}")
+    for retry in found.retries:
+        console.note(f"{retry.scene} {retry.repeat} was simulated again: {'; '.join(retry.reasons)}")

@@ -1,0 +1,68 @@
+"""Libraries of fabrics from JSON and CSV."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from metric.library import load_library
+from simcore.errors import InputError
+from simcore.parameters import PARAMETER_NAMES
+
+VALUES = dict(zip(PARAMETER_NAMES, (300.0, 250.0, 80.0, 2e-5, 1e-5, 1.5e-5, 0.2), strict=True))
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        [{"id": "a", **VALUES}, {"id": "b", **VALUES, "density": 0.3}],
+        {"fabrics": [{"id": "a", **VALUES}, {"id": "b", **VALUES, "density": 0.3}]},
+        {"a": VALUES, "b": {**VALUES, "density": 0.3}},
+        [{"id": "a", "parameters": VALUES}, {"id": "b", "parameters": VALUES, "density": 0.3}],
+    ],
+)
+def test_json_forms(document: object, tmp_path: Path) -> None:
+    path = tmp_path / "library.json"
+    path.write_text(json.dumps(document))
+    library = load_library(path)
+    assert [f.id for f in library] == ["a", "b"]
+    assert library[0].parameters.as_dict() == VALUES
+
+
+def test_csv(tmp_path: Path) -> None:
+    path = tmp_path / "library.csv"
+    names = ("id", *PARAMETER_NAMES, "note")
+    path.write_text(",".join(names) + "\nx," + ",".join(str(VALUES[n]) for n in PARAMETER_NAMES) + ",soft\n")
+    (fabric,) = load_library(path)
+    assert fabric.id == "x"
+    assert fabric.parameters.bending_weft == VALUES["bending_weft"]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "code"),
+    [
+        ("l.json", "[]", "library_empty"),
+        ("l.json", "{", "file_not_json"),
+        ("l.json", '"x"', "library_form"),
+        ("l.json", json.dumps([VALUES]), "library_id_missing"),
+        ("l.json", json.dumps([{"id": "a", **VALUES}] * 2), "library_id_twice"),
+        ("l.json", json.dumps([{"id": "a", **VALUES, "density": -1}]), "parameter_out_of_range"),
+        ("l.json", json.dumps([{"id": "a", "density": 0.2}]), "parameter_missing"),
+        ("l.csv", "id,density\na,0.2\n", "library_header"),
+        ("l.csv", "id," + ",".join(PARAMETER_NAMES) + "\na,1,2,3,4,5,6,heavy\n", "parameter_not_a_number"),
+    ],
+)
+def test_unusable_libraries(name: str, text: str, code: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        load_library(path)
+    assert caught.value.code == code
+    assert str(path) in str(caught.value)
+
+
+def test_no_such_library(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        load_library(tmp_path / "none.json")

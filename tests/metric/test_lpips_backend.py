@@ -1,0 +1,92 @@
+"""LPIPS equals the lpips package, gives the published values, and refuses what the package takes silently."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from metric.backends import distance
+from metric.lpips_backend import LpipsBackend, lpips_range
+from metric.render import DrapeRender
+from simcore.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def backend(weights_dir: Path) -> Iterator[LpipsBackend]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DRAPEMETER_WEIGHTS", str(weights_dir))
+        yield LpipsBackend("squeeze")
+
+
+def package_forward(backend: LpipsBackend, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    import torch
+
+    with torch.inference_mode():
+        return backend.model(torch.from_numpy(a), torch.from_numpy(b)).numpy().ravel()
+
+
+def test_equals_the_package_on_random_pairs(backend: LpipsBackend) -> None:
+    images = np.random.default_rng(1).uniform(-1, 1, (6, 3, 96, 80)).astype(np.float32)
+    features = backend.features_of(images)
+    table = backend.table(features[:3], features[3:])
+    expected = np.array(
+        [[package_forward(backend, images[i : i + 1], images[j : j + 1])[0] for j in (3, 4, 5)] for i in range(3)]
+    )
+    assert np.abs(table - expected).max() < 1e-5
+
+
+def test_equals_the_package_on_rendered_pairs(backend: LpipsBackend, make_render: Callable[..., DrapeRender]) -> None:
+    renders = [make_render(folds=f, phase=p) for f, p in ((2.0, 0.0), (2.0, 0.02), (5.0, 1.0))]
+    images = np.stack([lpips_range(r.need_shaded()) for r in renders])
+    features = backend.features(renders)
+    table = backend.table(features, features)
+    for i in range(3):
+        for j in range(3):
+            assert table[i, j] == pytest.approx(package_forward(backend, images[[i]], images[[j]])[0], abs=1e-5)
+    assert table[0, 1] < table[0, 2]
+
+
+def test_published_doctest_values(backend: LpipsBackend) -> None:
+    """torchmetrics' documentation: seed 123, ten pairs of uniform pictures, net squeeze."""
+    import torch
+
+    torch.manual_seed(123)
+    first = (torch.rand(10, 3, 100, 100) * 2 - 1).numpy()
+    second = (torch.rand(10, 3, 100, 100) * 2 - 1).numpy()
+    features = backend.features_of(np.concatenate([first, second]))
+    assert np.diag(backend.table(features[:10], features[10:])).mean() == pytest.approx(0.1008, abs=1e-4)
+
+
+def test_same_picture_is_at_distance_zero(backend: LpipsBackend, make_render: Callable[..., DrapeRender]) -> None:
+    assert distance(backend, make_render(), make_render()) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("images", "code"),
+    [
+        (np.zeros((1, 1, 96, 96), np.float32), "image_channels"),
+        (np.zeros((3, 96, 96), np.float32), "image_channels"),
+        (np.full((1, 3, 96, 96), 0.5, np.float32), "image_constant"),
+        (np.random.default_rng(0).uniform(0, 255, (1, 3, 96, 96)).astype(np.float32), "image_range"),
+        (np.random.default_rng(0).uniform(0, 1, (1, 3, 96, 96)).astype(np.float32), "image_range"),
+        (np.random.default_rng(0).uniform(-1, 1, (1, 3, 96, 96)), "image_range"),
+        (np.where(np.arange(96) == 3, np.nan, np.zeros((1, 3, 96, 96))).astype(np.float32), "image_not_finite"),
+        (np.random.default_rng(0).uniform(-1, 1, (1, 3, 40, 96)).astype(np.float32), "image_size"),
+    ],
+)
+def test_refuses_unusable_images(backend: LpipsBackend, images: np.ndarray, code: str) -> None:
+    with pytest.raises(InputError) as caught:
+        backend.features_of(images)
+    assert caught.value.code == code
+
+
+def test_refuses_pictures_of_different_size(backend: LpipsBackend, make_render: Callable[..., DrapeRender]) -> None:
+    with pytest.raises(InputError, match="different size"):
+        backend.features([make_render(size=128), make_render(size=96)])
+    one, other = backend.features([make_render(size=128)]), backend.features([make_render(size=96)])
+    with pytest.raises(InputError) as caught:
+        backend.table(one, other)
+    assert caught.value.code == "image_size"
