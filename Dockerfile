@@ -1,0 +1,33 @@
+# syntax=docker/dockerfile:1
+# One image for the REST service, the Ray nodes and the command line. Build: docker build -t drapemeter .
+ARG PYTHON_IMAGE=python:3.11-slim-bookworm
+
+FROM ${PYTHON_IMAGE} AS build
+# The CPU build of PyTorch; give an empty value for the CUDA build that the default index holds.
+ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
+ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
+RUN python -m venv /opt/drapemeter
+WORKDIR /src
+COPY requirements.txt ./
+RUN /opt/drapemeter/bin/pip install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} --requirement requirements.txt "setuptools>=77"
+COPY pyproject.toml README.md LICENSE ./
+COPY simcore simcore
+COPY renderer renderer
+COPY capture capture
+COPY metric metric
+COPY trainer trainer
+COPY diagnosis diagnosis
+COPY services services
+RUN /opt/drapemeter/bin/pip install --no-deps --no-build-isolation .
+
+FROM ${PYTHON_IMAGE}
+COPY scripts/system-packages.sh /usr/local/sbin/system-packages
+RUN system-packages && rm -rf /var/lib/apt/lists/* \
+    && useradd --uid 10001 --create-home --home-dir /var/lib/drapemeter drapemeter
+COPY --from=build /opt/drapemeter /opt/drapemeter
+ENV PATH=/opt/drapemeter/bin:$PATH PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 RAY_USAGE_STATS_ENABLED=0
+USER 10001
+WORKDIR /var/lib/drapemeter
+EXPOSE 8000
+ENTRYPOINT ["drapemeter"]
+CMD ["--help"]
