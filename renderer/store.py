@@ -1,0 +1,182 @@
+"""Reading a store of drapes (the design's Zarr contract); the writer is re-exported for convenience."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderer.store_format import (
+    SCENE_NAMES,
+    RowStatus,
+    StoreLayout,
+    array_specs,
+    dequantise_depth,
+    object_key,
+    quantise_depth,
+)
+from renderer.store_location import open_location, read_attributes, store_errors, store_exists
+from renderer.store_writer import ShardRows, StoreWriter
+from simcore.errors import InputError
+
+__all__ = [
+    "RowStatus",
+    "ShardRows",
+    "Store",
+    "StoreLayout",
+    "StoreWriter",
+    "dequantise_depth",
+    "quantise_depth",
+    "store_exists",
+]
+
+
+class Store:
+    """A store, read only. Small columns are read once and kept; pictures are read when asked for.
+
+    Pickled as its URL: a data loader's worker opens it anew.
+    """
+
+    def __init__(self, url: str | Path, group: Any, attributes: Mapping[str, Any]) -> None:
+        self.url = str(url)
+        self.attributes = attributes
+        self.layout = StoreLayout.from_attributes(attributes["layout"])
+        self._group = group
+        self._arrays: dict[str, Any] = {}
+
+    @classmethod
+    def open(cls, url: str | Path) -> Store:
+        """Open a store.
+
+        Raises:
+            InputError: no store there, no permission, wrong credentials.
+            StoreError: not a store of this schema, or the place fails.
+        """
+        import zarr
+        from zarr.errors import GroupNotFoundError
+
+        with store_errors(url):
+            try:
+                group = zarr.open_group(open_location(url, read_only=True), mode="r", zarr_format=3)
+            except (GroupNotFoundError, FileNotFoundError):
+                raise InputError(f"{url}: no store there", code="store_missing") from None
+            return cls(url, group, read_attributes(url, dict(group.attrs)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Store.open, (self.url,))
+
+    def __len__(self) -> int:
+        return self.layout.samples
+
+    @property
+    def shards(self) -> int:
+        """Number of shards."""
+        return self.layout.shards
+
+    def rows(self, shard: int) -> range:
+        """Sample numbers of a shard."""
+        return self.layout.shard_rows(shard)
+
+    @cached_property
+    def parameters(self) -> NDArray[np.float32]:
+        """Fabric parameters, SI, order of ``PARAMETER_NAMES``, float32, shape [N, 7]."""
+        return self.column("parameters")
+
+    @cached_property
+    def status(self) -> NDArray[np.uint8]:
+        """Codes of :class:`RowStatus`, uint8, shape [N]."""
+        return self.column("status")
+
+    @cached_property
+    def ok(self) -> NDArray[np.bool_]:
+        """Which samples may be used, bool, shape [N]."""
+        return np.asarray(self.status == RowStatus.OK)
+
+    @cached_property
+    def materials(self) -> NDArray[np.uint32]:
+        """Material index of each sample, uint32, shape [N]; split by it, never by sample."""
+        return self.column("material")
+
+    @cached_property
+    def scene(self) -> NDArray[Any]:
+        """Scene name of each sample, str, shape [N]."""
+        names = np.array([SCENE_NAMES[code] for code in range(len(SCENE_NAMES))])
+        return np.asarray(names[self.column("scene")])
+
+    @cached_property
+    def jitter(self) -> NDArray[np.uint32]:
+        """Repeat index of each sample, uint32, shape [N]."""
+        return self.column("jitter")
+
+    @cached_property
+    def inclination_deg(self) -> NDArray[np.float32]:
+        """Inclination of the sample in each picture [degree], float32, shape [N]."""
+        return self.column("inclination_deg")
+
+    @cached_property
+    def reason(self) -> NDArray[Any]:
+        """Why each failed sample failed, str, shape [N]."""
+        return self.column("reason")
+
+    @cached_property
+    def complete(self) -> NDArray[np.bool_]:
+        """Which shards are finished, bool, shape [shards]."""
+        return np.asarray(self.column("checksum").any(axis=1))
+
+    def column(self, name: str) -> NDArray[Any]:
+        """A whole array of the contract by name; mind the size of ``depth`` and ``drapes/vertices``."""
+        with store_errors(self.url):
+            return np.asarray(self._array(name)[:])
+
+    def depth(self, sample: int) -> NDArray[np.float32]:
+        """Depth picture of a sample [m], float32, shape [height, width], 0 = no data.
+
+        Raises:
+            IndexError: no such sample.
+        """
+        if not 0 <= sample < len(self):
+            raise IndexError(f"sample {sample} is not one of {len(self)}")
+        with store_errors(self.url):
+            return dequantise_depth(np.asarray(self._array("depth")[sample]))
+
+    def depth_counts(self, shard: int) -> NDArray[np.uint16]:
+        """All depth pictures of a shard, 0.1 mm counts, uint16, shape [rows, height, width]."""
+        rows = self.rows(shard)
+        with store_errors(self.url):
+            return np.asarray(self._array("depth")[rows.start : rows.stop])
+
+    def vertices(self, simulation: int) -> NDArray[np.float32]:
+        """Drape of a simulation [m], panel frame, float32, shape [vertex_count, 3]."""
+        with store_errors(self.url):
+            return np.asarray(self._array("drapes/vertices")[simulation])
+
+    def read_shard(self, shard: int) -> ShardRows:
+        """Everything of one shard, as it was written."""
+        parts: dict[str, Any] = {}
+        with store_errors(self.url):
+            for spec in array_specs(self.layout)[:-1]:
+                where = self.layout.shard_simulations(shard) if spec.per == "simulation" else self.rows(shard)
+                parts[spec.name.removeprefix("drapes/")] = np.asarray(self._array(spec.name)[where.start : where.stop])
+        return ShardRows(**parts)
+
+    def stored_bytes(self, shard: int) -> dict[str, bytes | None]:
+        """The stored objects of a shard by key, None where one is missing."""
+        from zarr.core.buffer import default_buffer_prototype
+        from zarr.core.sync import sync
+
+        found: dict[str, bytes | None] = {}
+        with store_errors(self.url):
+            for spec in array_specs(self.layout)[:-1]:
+                key = object_key(spec, shard)
+                buffer = sync(self._group.store.get(key, default_buffer_prototype()))
+                found[key] = None if buffer is None else buffer.to_bytes()
+        return found
+
+    def _array(self, name: str) -> Any:
+        if name not in self._arrays:
+            self._arrays[name] = self._group[name]
+        return self._arrays[name]

@@ -1,0 +1,138 @@
+"""Where a store lies: a local folder, ``s3://`` or any other URL that obstore takes; and its failures as our errors."""
+
+from __future__ import annotations
+
+import errno
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from renderer.store_format import SCHEMA
+from simcore.errors import DrapemeterError, InputError, StoreError
+
+if TYPE_CHECKING:
+    from zarr.abc.store import Store as ZarrStore
+
+_NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EROFS)
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+
+
+def is_remote(url: str | Path) -> bool:
+    """Whether the place is an object store rather than a local folder."""
+    return "://" in str(url) and not str(url).startswith("file://")
+
+
+def local_path(url: str | Path) -> Path:
+    """Folder of a local store."""
+    return Path(str(url).removeprefix("file://"))
+
+
+def open_location(url: str | Path, *, read_only: bool) -> ZarrStore:
+    """The Zarr storage at a place; nothing is read or written yet.
+
+    Object stores take their credentials and endpoint from the environment, as obstore does (``AWS_ACCESS_KEY_ID``,
+    ``AWS_ENDPOINT_URL``, ...). Requests that fail for a passing reason are repeated for up to two minutes
+    (``DRAPEMETER_STORE_RETRY_S``).
+
+    Raises:
+        InputError: a URL that obstore does not know, or unusable settings.
+    """
+    from zarr.storage import LocalStore, ObjectStore
+
+    if not is_remote(url):
+        return LocalStore(local_path(url), read_only=read_only)
+    import obstore.exceptions
+    from obstore.store import from_url
+
+    patience = timedelta(seconds=float(os.environ.get("DRAPEMETER_STORE_RETRY_S", "120")))
+    options: Any = {"timeout": timedelta(seconds=60), "connect_timeout": timedelta(seconds=10)}
+    if str(url).startswith("http://") or os.environ.get("AWS_ENDPOINT_URL", "").startswith("http://"):
+        options["allow_http"] = True
+    try:
+        store = from_url(str(url), client_options=options, retry_config={"retry_timeout": patience, "max_retries": 20})
+    except (obstore.exceptions.BaseError, ValueError) as error:
+        raise InputError(f"{url}: not a place for a store ({_first_line(error)})", code="store_url") from None
+    return ObjectStore(store, read_only=read_only)
+
+
+@contextmanager
+def store_errors(url: str | Path) -> Iterator[None]:
+    """Turn what file systems and object stores raise inside the block into one clear line."""
+    from obstore.exceptions import BaseError
+
+    try:
+        with warnings.catch_warnings():
+            # Delta is part of the store's contract; Zarr warns of it at each opening.
+            warnings.filterwarnings("ignore", message="Numcodecs codecs are not in the Zarr version 3")
+            yield
+    except OSError as error:
+        raise _from_os_error(url, error) from error
+    except BaseError as error:
+        raise _from_obstore(url, error) from error
+
+
+def store_exists(url: str | Path) -> bool:
+    """Whether a laid-out store is there (a folder that was killed while being laid out is none).
+
+    Raises:
+        InputError: no permission, wrong credentials.
+        StoreError: the place fails.
+    """
+    import zarr
+    from zarr.errors import GroupNotFoundError
+
+    with store_errors(url):
+        try:
+            return "schema" in zarr.open_group(open_location(url, read_only=True), mode="r", zarr_format=3).attrs
+        except (GroupNotFoundError, FileNotFoundError):
+            return False
+
+
+def read_attributes(url: str | Path, attributes: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The same attributes if they are those of a store that this version reads.
+
+    Raises:
+        StoreError: another schema, or none.
+    """
+    schema = attributes.get("schema")
+    if schema is None:
+        raise StoreError(f"{url}: a Zarr group but no store of drapes, or one killed at its start", code="store_schema")
+    if schema != SCHEMA:
+        raise StoreError(f"{url}: schema {schema!r} is not the {SCHEMA!r} that this version reads", code="store_schema")
+    return attributes
+
+
+def _from_os_error(url: str | Path, error: OSError) -> DrapemeterError:
+    if error.errno in _NO_SPACE:
+        return InputError(
+            f"{url}: no space is left; free some and finish the store with --resume", code="store_no_space"
+        )
+    if error.errno in _NOT_ALLOWED:
+        return InputError(
+            f"{url}: not permitted ({error.strerror}); choose a place you may write to", code="store_not_permitted"
+        )
+    if isinstance(error, FileNotFoundError):
+        return InputError(f"{url}: no store there", code="store_missing")
+    return StoreError(f"{url}: cannot be read or written ({_first_line(error)})", code="store_failed")
+
+
+def _from_obstore(url: str | Path, error: Exception) -> DrapemeterError:
+    from obstore import exceptions
+
+    if isinstance(error, (exceptions.PermissionDeniedError, exceptions.UnauthenticatedError)):
+        return InputError(
+            f"{url}: the object store refuses these credentials; check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY",
+            code="store_credentials",
+        )
+    if isinstance(error, exceptions.NotFoundError):
+        return InputError(f"{url}: no such bucket or store", code="store_missing")
+    return StoreError(f"{url}: the object store fails ({_first_line(error)})", code="store_unreachable")
+
+
+def _first_line(error: BaseException) -> str:
+    text = str(error).strip().splitlines()
+    return text[0][:200] if text else type(error).__name__

@@ -1,0 +1,202 @@
+"""The store's contract: what is written comes back, whole shards only, and clear lines where a place fails."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+from hypothesis import given
+from hypothesis import strategies as st
+
+from renderer.store import RowStatus, ShardRows, Store, StoreLayout, StoreWriter, dequantise_depth, quantise_depth
+from renderer.store_location import store_errors, store_exists
+from simcore.errors import InputError, StoreError
+
+LAYOUT = StoreLayout(
+    materials=3,
+    scenes=("hanging", "stretch"),
+    jitters=1,
+    inclinations_deg=(-5.0, 5.0),
+    simulations_per_shard=4,
+    vertex_count=25,
+    picture_size=(32, 32),
+)
+
+
+def rows_of(layout: StoreLayout, shard: int) -> ShardRows:
+    """Rows whose values tell where they belong."""
+    rng = np.random.default_rng(shard)
+    simulations = layout.shard_simulations(shard)
+    address = np.repeat([layout.address(s) for s in simulations], layout.pictures, axis=0)
+    count = len(address)
+    status = np.full(count, RowStatus.OK, np.uint8)
+    status[-1] = RowStatus.DIVERGED
+    reason = np.array([""] * (count - 1) + ["forces grew without bound"], dtype=object)
+    return ShardRows(
+        depth=rng.integers(8000, 9001, (count, *layout.picture_size), dtype=np.uint16),
+        parameters=np.repeat(address[:, :1], 7, axis=1).astype(np.float32),
+        scene=address[:, 1].astype(np.uint8),
+        status=status,
+        reason=reason,
+        inclination_deg=np.tile(layout.inclinations_deg, len(simulations)).astype(np.float32),
+        seed=np.arange(count, dtype=np.uint64) + np.uint64(2**63),
+        material=address[:, 0].astype(np.uint32),
+        jitter=address[:, 2].astype(np.uint32),
+        vertices=rng.normal(size=(len(simulations), layout.vertex_count, 3)).astype(np.float32),
+        residual=rng.random(len(simulations)),
+        energy=rng.random(len(simulations)),
+    )
+
+
+def make(url: str | Path, layout: StoreLayout = LAYOUT, shards: tuple[int, ...] | None = None) -> StoreWriter:
+    """A store with the given shards written (all by default)."""
+    writer = StoreWriter.create(url, layout, configuration={"x": 1}, seed=7, software_version="0")
+    for shard in range(layout.shards) if shards is None else shards:
+        writer.write_shard(shard, rows_of(layout, shard))
+    return writer
+
+
+def test_layout_counts_rows_and_shards() -> None:
+    assert (LAYOUT.simulations, LAYOUT.samples, LAYOUT.shards) == (6, 12, 2)
+    assert [list(LAYOUT.shard_rows(s)) for s in range(2)] == [list(range(8)), list(range(8, 12))]
+    assert [LAYOUT.address(s) for s in (0, 1, 2, 5)] == [(0, 0, 0), (0, 1, 0), (1, 0, 0), (2, 1, 0)]
+
+
+def test_what_is_written_comes_back(tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    store = Store.open(tmp_path / "s.zarr")
+    expected = ShardRows.concatenate([rows_of(LAYOUT, 0), rows_of(LAYOUT, 1)])
+    assert len(store) == 12 and store.shards == 2 and store.complete.all()
+    assert np.array_equal(store.parameters, expected.parameters)
+    assert np.array_equal(store.materials, expected.material)
+    assert store.scene.tolist() == ["hanging", "hanging", "stretch", "stretch"] * 3
+    assert store.ok.sum() == 10 and store.reason[7] == "forces grew without bound"
+    assert np.array_equal(store.column("seed"), expected.seed)
+    assert np.array_equal(store.vertices(5), expected.vertices[5])
+    assert store.depth(9) == pytest.approx(expected.depth[9] * 1e-4)
+    assert np.array_equal(store.depth_counts(1), expected.depth[8:])
+    again = store.read_shard(0)
+    for name, value in vars(rows_of(LAYOUT, 0)).items():
+        assert np.array_equal(getattr(again, name), value), name
+    assert store.attributes["seed"] == 7 and store.attributes["configuration"] == {"x": 1}
+
+
+def test_any_zarr_reader_finds_the_contract(tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    metadata = json.loads((tmp_path / "s.zarr" / "depth" / "zarr.json").read_text())
+    sharding = metadata["codecs"][0]
+    assert metadata["zarr_format"] == 3 and metadata["data_type"] == "uint16"
+    assert sharding["name"] == "sharding_indexed" and sharding["configuration"]["chunk_shape"] == [1, 32, 32]
+    codecs = sharding["configuration"]["codecs"]
+    assert [c["name"] for c in codecs] == ["numcodecs.delta", "bytes", "blosc"]
+    assert codecs[2]["configuration"]["cname"] == "zstd" and codecs[2]["configuration"]["shuffle"] == "bitshuffle"
+    group = zarr.open_group(tmp_path / "s.zarr", mode="r")
+    for name in ("depth", "parameters", "scene", "status", "inclination_deg", "seed", "material", "jitter"):
+        assert group[name].shape[0] == 12
+    assert group["drapes/vertices"].dtype == np.float32
+
+
+def test_part_of_a_shard_is_refused_and_nothing_written(tmp_path: Path) -> None:
+    writer = make(tmp_path / "s.zarr", shards=())
+    part = rows_of(LAYOUT, 0)
+    part = ShardRows(**{name: value[: len(value) // 2] for name, value in vars(part).items()})
+    with pytest.raises(StoreError, match="whole shards only") as raised:
+        writer.write_shard(0, part)
+    assert raised.value.code == "partial_shard"
+    assert not list((tmp_path / "s.zarr" / "depth").glob("c/*"))
+
+
+def test_the_last_shard_takes_its_fewer_rows_and_no_more(tmp_path: Path) -> None:
+    writer = make(tmp_path / "s.zarr", shards=())
+    with pytest.raises(StoreError):
+        writer.write_shard(1, rows_of(LAYOUT, 0))
+    with pytest.raises(StoreError):
+        writer.write_shard(2, rows_of(LAYOUT, 1))
+    writer.write_shard(1, rows_of(LAYOUT, 1))
+    assert Store.open(tmp_path / "s.zarr").complete.tolist() == [False, True]
+
+
+def test_writers_of_different_shards_do_not_disturb_each_other(tmp_path: Path) -> None:
+    make(tmp_path / "a.zarr")
+    make(tmp_path / "b.zarr", shards=())
+    for shard in (1, 0):
+        StoreWriter.open(tmp_path / "b.zarr").write_shard(shard, rows_of(LAYOUT, shard))
+    assert files(tmp_path / "a.zarr") == files(tmp_path / "b.zarr")
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """Every file below a folder by its relative path."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def test_unfinished_shards_read_as_missing(tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr", shards=(1,))
+    store = Store.open(tmp_path / "s.zarr")
+    assert store.complete.tolist() == [False, True]
+    assert (store.status[:8] == RowStatus.MISSING).all() and not store.ok[:8].any()
+    assert not store.depth(0).any()
+
+
+def test_a_store_travels_to_a_worker_by_its_url(tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    there = pickle.loads(pickle.dumps(Store.open(tmp_path / "s.zarr")))
+    assert np.array_equal(there.depth(3), Store.open(tmp_path / "s.zarr").depth(3))
+
+
+@given(st.floats(1e-4, 6.5))
+def test_depth_is_kept_to_half_a_tenth_of_a_millimetre(depth: float) -> None:
+    there_and_back = dequantise_depth(quantise_depth(np.array([depth], dtype=np.float32)))
+    assert abs(float(there_and_back[0]) - depth) < 0.51e-4
+
+
+def test_unusable_depth_is_no_data() -> None:
+    assert quantise_depth(np.array([np.nan, np.inf, -1.0, 0.0, 7.0], dtype=np.float32)).tolist() == [0] * 5
+
+
+def test_places_that_are_taken_or_empty_are_named(tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    with pytest.raises(InputError, match="--resume") as raised:
+        make(tmp_path / "s.zarr")
+    assert raised.value.code == "store_exists"
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="no store"):
+        make(tmp_path / "folder")
+    with pytest.raises(InputError, match="no store there"):
+        Store.open(tmp_path / "none.zarr")
+    zarr.open_group(tmp_path / "other.zarr", mode="w", attributes={"schema": "somebody-else/3"})
+    with pytest.raises(StoreError, match="somebody-else/3"):
+        Store.open(tmp_path / "other.zarr")
+
+
+def test_a_store_killed_at_its_start_is_laid_out_anew(tmp_path: Path) -> None:
+    zarr.open_group(tmp_path / "s.zarr", mode="w").create_array("depth", shape=(3,), dtype="u1")
+    assert not store_exists(tmp_path / "s.zarr")
+    make(tmp_path / "s.zarr")
+    assert Store.open(tmp_path / "s.zarr").complete.all()
+
+
+@pytest.mark.parametrize(
+    ("number", "code"),
+    [
+        (errno.ENOSPC, "store_no_space"),
+        (errno.EDQUOT, "store_no_space"),
+        (errno.EACCES, "store_not_permitted"),
+        (errno.EROFS, "store_not_permitted"),
+    ],
+)
+def test_full_and_forbidden_places_are_bad_input(number: int, code: str) -> None:
+    with pytest.raises(InputError) as raised, store_errors("here"):
+        raise OSError(number, os.strerror(number))
+    assert raised.value.code == code
+
+
+def test_an_unknown_url_is_refused() -> None:
+    with pytest.raises(InputError, match="not a place for a store"):
+        Store.open("gopher://x/y")
