@@ -1,0 +1,147 @@
+"""The network's view of a capture: height over the panel as the canonical camera would see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from capture.holes import fill_small_holes, step_threshold_m
+from capture.resample import resample
+from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose
+from renderer.pose import check_pose
+from simcore.errors import InputError
+from simcore.scenes import Scene, Setup
+
+CANONICAL_SAMPLE_M = 0.5
+"""Edge of the sample that the network knows [m]."""
+
+CANONICAL_DISTANCE_M = float(frontal_pose()[2, 3])
+"""Distance of the canonical camera from the panel [m]."""
+
+MAX_HOLE_PX = 3
+"""Half of the largest hole that is filled in the canonical picture [pixel]."""
+
+
+@dataclass(frozen=True)
+class NetworkInput:
+    """What the estimator sees of one capture.
+
+    Attributes:
+        height: over the panel [m], towards the camera, float32 [256, 256], seen by ``CANONICAL_CAMERA`` at
+            ``frontal_pose()``; 0 where nothing is known and where there is no panel behind the cloth.
+        mask: cloth or panel was seen there (or a small hole was filled), bool [256, 256].
+        scene: which scene.
+        length_scale: sample size over 0.5 m. All lengths were divided by it, see :func:`stretch_scale`.
+    """
+
+    height: NDArray[np.float32]
+    mask: NDArray[np.bool_]
+    scene: Scene
+    length_scale: float = 1.0
+
+
+def length_scale(setup: Setup) -> float:
+    """The factor by which a set-up is larger than the canonical sample: its longer edge over 0.5 m."""
+    scale = max(setup.sample_size_m) / CANONICAL_SAMPLE_M
+    return 1.0 if abs(scale - 1.0) < 1e-9 else scale
+
+
+def stretch_scale(scale: float) -> float:
+    """Stretch stiffness of the real sample over that of the equivalent 0.5 m sample, of equal density.
+
+    The shape at rest depends on k/(rho g L) and B/(rho g L^3) only (and on the strains' own scale): a sample ``scale``
+    times as large looks the same, all lengths divided by ``scale``, as a 0.5 m sample of the same density with
+    k/scale and B/scale^3. An estimate made on a scaled picture is therefore multiplied by this factor.
+    """
+    return scale
+
+
+def bending_scale(scale: float) -> float:
+    """Bending rigidity of the real sample over that of the equivalent 0.5 m sample (see :func:`stretch_scale`)."""
+    return scale**3
+
+
+def normalise_depth(
+    depth: NDArray[np.floating],
+    camera: Camera,
+    camera_from_panel: ArrayLike,
+    setup: Setup,
+    *,
+    cloth: NDArray[np.bool_] | None = None,
+) -> NetworkInput:
+    """Height over the panel as the canonical camera sees it.
+
+    The picture is back-projected (lens distortion undone), moved to the panel frame, scaled to a 0.5 m sample, meshed
+    over its pixel grid and drawn from the canonical camera; holes of a few pixels are filled. A picture that the
+    canonical camera itself took is only turned into heights.
+
+    Args:
+        depth: z-depth [m], shape [H, W], 0 = no data.
+        camera: the camera that took it.
+        camera_from_panel: its pose, [4, 4].
+        setup: the scene and the sample's size.
+        cloth: cloth pixels, bool [H, W]; needed without a panel, when other things are in the picture: only they are
+            used then. With a panel it is not needed.
+
+    Raises:
+        InputError: the picture does not fit the camera, the pose is not rigid, or nothing is where the sample should
+            be (``nothing_in_view``).
+    """
+    pose = check_pose(camera_from_panel)
+    picture = np.asarray(depth, dtype=np.float32)
+    if picture.shape != (camera.height, camera.width):
+        raise InputError(
+            f"depth picture of shape {picture.shape} does not fit a camera of {camera.height} rows and "
+            f"{camera.width} columns",
+            code="depth_shape",
+        )
+    scale = length_scale(setup)
+    if cloth is not None and not setup.panel:
+        picture = np.where(cloth, picture, np.float32(0.0))
+    same_view = _same_optics(camera) and scale == 1.0 and np.array_equal(pose, frontal_pose())
+    seen = picture if same_view else _canonical_depth(picture, camera, pose, scale)
+    known = seen > 0.0
+    if not known.any():
+        raise InputError(
+            "nothing is seen where the sample should be: check camera_from_panel, or leave it null to have it estimated",
+            code="nothing_in_view",
+        )
+    height = np.where(known, np.float32(CANONICAL_DISTANCE_M) - seen, np.float32(0.0))
+    height, known = _fill(height, known)
+    return NetworkInput(height, known, setup.scene, scale)
+
+
+def _canonical_depth(
+    depth: NDArray[np.float32], camera: Camera, pose: NDArray[np.float64], scale: float
+) -> NDArray[np.float32]:
+    """The picture seen by the canonical camera, all lengths divided by ``scale``; float32 [256, 256], 0 = nothing."""
+    filled = fill_small_holes(depth, camera)
+    points = camera.back_project(filled)
+    to_canonical = frontal_pose()
+    rotation = to_canonical[:3, :3] @ pose[:3, :3].T
+    moved = (points - pose[:3, 3]) @ rotation.T / scale + to_canonical[:3, 3]
+    return resample(moved, filled > 0.0, step_threshold_m(filled, camera), filled, CANONICAL_CAMERA)
+
+
+def _fill(height: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Holes of up to twice :data:`MAX_HOLE_PX` filled by the mean of what surrounds them."""
+    if known.all():
+        return height, known
+    disk = ndimage.iterate_structure(ndimage.generate_binary_structure(2, 1), MAX_HOLE_PX)
+    padded = np.pad(known, MAX_HOLE_PX, mode="edge")
+    closed = ndimage.binary_closing(padded, disk)[MAX_HOLE_PX:-MAX_HOLE_PX, MAX_HOLE_PX:-MAX_HOLE_PX]
+    holes = closed & ~known
+    if not holes.any():
+        return height, known
+    weight = ndimage.gaussian_filter(known.astype(np.float32), 0.7 * MAX_HOLE_PX, truncate=3.0)
+    total = ndimage.gaussian_filter(np.where(known, height, np.float32(0.0)), 0.7 * MAX_HOLE_PX, truncate=3.0)
+    filled = np.where(holes & (weight > 1e-6), total / np.maximum(weight, np.float32(1e-6)), height)
+    return filled.astype(np.float32), known | (holes & (weight > 1e-6))
+
+
+def _same_optics(camera: Camera) -> bool:
+    """The canonical camera but for the depth unit."""
+    return replace(camera, depth_unit_m=CANONICAL_CAMERA.depth_unit_m) == CANONICAL_CAMERA

@@ -1,0 +1,188 @@
+"""The camera's pose against the panel, found from one depth picture where it is not given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.holes import fill_small_holes, step_threshold_m
+from capture.picture import Depth
+from capture.plane import Plane
+from capture.segment import ClothRegion
+from renderer.camera import Camera
+from renderer.pose import check_pose, invert_pose
+from simcore.errors import InputError
+from simcore.scenes import PIN_NAMES, Scene, Setup
+
+MAX_PIN_ERROR = 0.2
+"""Pins found further from where they should be than this share of the sample's size are no registration."""
+
+_DIRECTIONS: dict[str, tuple[float, float]] = {
+    "top_left": (-1.0, 1.0),
+    "top_right": (1.0, 1.0),
+    "bottom_right": (1.0, -1.0),
+}
+
+
+@dataclass(frozen=True)
+class Registration:
+    """A camera's pose and how far it can be trusted.
+
+    Attributes:
+        camera_from_panel: float64 [4, 4].
+        method: ``given``, ``panel_and_pins``, ``hanging_pins`` or ``three_pins``.
+        pins_found_m: the sample's pinned corners as seen, in the panel frame found, by name.
+        pin_error_m: root mean square distance between them and the pins of the set-up; None for a given pose.
+        assumed: what was taken for granted, in words.
+    """
+
+    camera_from_panel: NDArray[np.float64]
+    method: str
+    pins_found_m: dict[str, tuple[float, float, float]]
+    pin_error_m: float | None
+    assumed: tuple[str, ...]
+
+
+def given_registration(camera_from_panel: NDArray[np.float64]) -> Registration:
+    """The pose that a capture set states, taken as it is."""
+    return Registration(check_pose(camera_from_panel), "given", {}, None, ("the pose that the set states is right",))
+
+
+def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) -> Registration:
+    """Estimate ``camera_from_panel``.
+
+    With a panel in view, its plane gives z and the pinned corners the rest. Without, in ``hanging``, the line through
+    the two pinned corners gives x, and down is where the cloth's centre of mass hangs below that line (what hangs at
+    rest from a level axis has its weight straight below it); in ``stretch`` the three pinned corners give the pose.
+
+    Args:
+        depth: z-depth [m], float32 [H, W], 0 = no data.
+        camera: its camera.
+        setup: the scene and its pins.
+        region: the cloth, from :func:`capture.segment.segment_cloth`.
+
+    Raises:
+        InputError: ``pins_not_found``: the corners seen do not fit the set-up.
+    """
+    points = camera.back_project(depth)[region.standing]
+    frame = _first_frame(points, region.plane)
+    corners = _corners(points, frame, setup.scene)
+    expected = {name: np.asarray(setup.pins_m[name], dtype=np.float64) for name in PIN_NAMES[setup.scene]}
+    if region.plane is not None:
+        pose, method = _panel_pose(corners, expected, region.plane), "panel_and_pins"
+        assumed = ["the panel is upright", "the cloth's highest visible corners are the pinned ones"]
+    elif setup.scene is Scene.HANGING:
+        pose = _hanging_pose(corners, expected, _centre_of_mass(depth, camera, region))
+        method = "hanging_pins"
+        assumed = ["the two pins are level", "the cloth hangs free and at rest, its weight below the pins"]
+    else:
+        pose, method = _rigid_fit(list(expected.values()), list(corners.values())), "three_pins"
+        assumed = ["the three outermost corners of the cloth are the pinned ones"]
+    if setup.panel and region.plane is None:
+        assumed.append("the panel is hidden: its plane passes through the pins")
+    inverse = invert_pose(pose)
+    found = {name: inverse[:3, :3] @ corner + inverse[:3, 3] for name, corner in corners.items()}
+    error = float(np.sqrt(np.mean([np.sum((found[name] - expected[name]) ** 2) for name in found])))
+    if error > MAX_PIN_ERROR * max(setup.sample_size_m):
+        raise InputError(
+            f"the pinned corners are seen {1e3 * error:.0f} mm from where the set-up has them: check scene, "
+            "sample_size_m and pins_m, or give camera_from_panel",
+            code="pins_not_found",
+        )
+    pins = {name: (float(p[0]), float(p[1]), float(p[2])) for name, p in found.items()}
+    return Registration(pose, method, pins, error, tuple(assumed))
+
+
+def _first_frame(points: NDArray[np.float64], plane: Plane | None) -> NDArray[np.float64]:
+    """Rows x, y, z of a first panel frame: z from the panel or the cloth, y upwards in the picture; float64 [3, 3]."""
+    if plane is not None:
+        z = plane.normal
+    else:
+        centred = points - points.mean(axis=0)
+        z = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+        z = -z if z[2] > 0.0 else z
+        if z[2] > -0.5:  # a sheet seen edge on says nothing of the panel
+            z = np.array([0.0, 0.0, -1.0])
+    up = np.array([0.0, -1.0, 0.0])
+    y = up - (up @ z) * z
+    y /= np.linalg.norm(y)
+    return np.stack([np.cross(y, z), y, z])
+
+
+def _corners(points: NDArray[np.float64], frame: NDArray[np.float64], scene: Scene) -> dict[str, NDArray[np.float64]]:
+    """The pinned corners of the cloth: the points furthest out along the diagonals, camera frame."""
+    x, y = points @ frame[0], points @ frame[1]
+    corners = {}
+    for name in PIN_NAMES[scene]:
+        along = _DIRECTIONS[name][0] * x + _DIRECTIONS[name][1] * y
+        outermost = np.argsort(along)[-12:]
+        # The place across the view from the outermost few, the distance from their median: flying pixels do not count.
+        corners[name] = np.median(points[outermost], axis=0)
+    return corners
+
+
+def _panel_pose(
+    corners: dict[str, NDArray[np.float64]], expected: dict[str, NDArray[np.float64]], plane: Plane
+) -> NDArray[np.float64]:
+    """Pose from the panel's plane and the corners' places on it."""
+    z = plane.normal
+    on_panel = [corner - plane.height(corner) * z for corner in corners.values()]
+    flat = [np.array([pin[0], pin[1], 0.0]) for pin in expected.values()]
+    return _rigid_fit(flat, on_panel, normal=z)
+
+
+def _rigid_fit(
+    source: list[NDArray[np.float64]], target: list[NDArray[np.float64]], normal: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Rotation and translation that bring points to points in the least-squares sense (Kabsch 1976), float64 [4, 4].
+
+    Args:
+        source: in the panel frame, as many as ``target``.
+        target: in the camera frame.
+        normal: the panel's normal in the camera frame, kept exactly: two points are enough then.
+    """
+    a, b = np.asarray(source), np.asarray(target)
+    a_mean, b_mean = a.mean(axis=0), b.mean(axis=0)
+    covariance = (b - b_mean).T @ (a - a_mean)
+    if normal is not None:
+        covariance = covariance + 1e6 * np.outer(normal, (0.0, 0.0, 1.0))
+    u, _, vt = np.linalg.svd(covariance)
+    rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = b_mean - rotation @ a_mean
+    return pose
+
+
+def _hanging_pose(
+    corners: dict[str, NDArray[np.float64]], expected: dict[str, NDArray[np.float64]], centre: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """x along the pins, the centre of mass straight below them."""
+    left, right = corners["top_left"], corners["top_right"]
+    x = (right - left) / np.linalg.norm(right - left)
+    middle = 0.5 * (left + right)
+    down = (centre - middle) - ((centre - middle) @ x) * x
+    y = -down / np.linalg.norm(down)
+    rotation = np.stack([x, y, np.cross(x, y)], axis=1)
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = middle - rotation @ (0.5 * (expected["top_left"] + expected["top_right"]))
+    return pose
+
+
+def _centre_of_mass(depth: Depth, camera: Camera, region: ClothRegion) -> NDArray[np.float64]:
+    """Centre of mass of the visible cloth, of even density, camera frame, float64 [3]: every triangle by its area."""
+    filled = fill_small_holes(np.where(region.standing, depth, np.float32(0.0)), camera)
+    points = camera.back_project(filled)
+    a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, :-1], points[1:, 1:]
+    centres, areas = [], []
+    for p, q, r in ((a, c, b), (b, c, d)):
+        steps = np.ptp(np.stack([p[..., 2], q[..., 2], r[..., 2]]), axis=0)
+        joined = steps < step_threshold_m(filled, camera)  # NaN compares as false
+        areas.append(0.5 * np.linalg.norm(np.cross(q[joined] - p[joined], r[joined] - p[joined]), axis=1))
+        centres.append((p[joined] + q[joined] + r[joined]) / 3.0)
+    weights = np.concatenate(areas)
+    centre: NDArray[np.float64] = np.average(np.concatenate(centres), axis=0, weights=weights)
+    return centre
