@@ -1,0 +1,251 @@
+"""Streams of training pictures out of shards, by material, rank and worker.
+
+A *pair* is one picture of each scene of one material (either may be missing). Shards are shuffled, then pairs within a
+few shards; whole shards belong to one rank and one worker, which opens the store itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.utils.data import DataLoader, IterableDataset, get_worker_info
+
+from simcore.errors import InputError
+from simcore.scenes import Scene
+from trainer.preprocess import resize
+
+SCENES: tuple[Scene, ...] = (Scene.HANGING, Scene.STRETCH)
+"""Order of the scene axis everywhere in this package."""
+
+HEIGHT_UNIT_M = 1e-4
+"""Pictures are held as int16 heights in this unit."""
+
+_STREAM = 2
+
+
+@dataclass(frozen=True)
+class PictureTable:
+    """What is known of every usable picture before reading it; all arrays have one entry a picture.
+
+    Attributes:
+        row: row in the store, int64.
+        shard: shard that holds it, int64.
+        material: int64.
+        scene: index into :data:`SCENES`, int64.
+        parameters: the seven, SI, float64, shape [n, 7].
+        inclination_deg: float64.
+        jitter: int64.
+    """
+
+    row: NDArray[np.int64]
+    shard: NDArray[np.int64]
+    material: NDArray[np.int64]
+    scene: NDArray[np.int64]
+    parameters: NDArray[np.float64]
+    inclination_deg: NDArray[np.float64]
+    jitter: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def take(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> PictureTable:
+        """The table of some pictures."""
+        return PictureTable(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
+
+    def of_materials(self, materials: NDArray[np.int64]) -> PictureTable:
+        """The table of some materials."""
+        return self.take(np.isin(self.material, materials))
+
+    def upright(self) -> PictureTable:
+        """Without the tilted pictures."""
+        return self.take(np.abs(self.inclination_deg) < 1e-6)
+
+    def material_parameters(self) -> NDArray[np.float64]:
+        """One row of parameters a material, ordered by material, shape [materials, 7]."""
+        _, first = np.unique(self.material, return_index=True)
+        return np.asarray(self.parameters[first])
+
+
+class PictureSource(Protocol):
+    """Where pictures come from; must be picklable and cheap to copy to another process."""
+
+    def table(self) -> PictureTable:
+        """Every usable picture."""
+        ...
+
+    def read(self, rows: NDArray[np.int64]) -> Tensor:
+        """Heights over the panel of rows of one shard, int16 in 0.1 mm, 0 = nothing known, shape [rows, H, W]."""
+        ...
+
+
+class Batch(NamedTuple):
+    """Pairs, ready for augmentation.
+
+    Attributes:
+        pictures: heights [m], float32, shape [pairs, 2 scenes, 1, size, size]; zero where absent.
+        present: bool, shape [pairs, 2 scenes].
+        parameters: float64, SI, shape [pairs, 7].
+        material: int64, shape [pairs].
+    """
+
+    pictures: Tensor
+    present: Tensor
+    parameters: Tensor
+    material: Tensor
+
+
+@dataclass(frozen=True)
+class Partition:
+    """This process's place among those that train together."""
+
+    rank: int = 0
+    world_size: int = 1
+
+
+def decode_heights(codes: Tensor) -> Tensor:
+    """Pictures [m] of int16 heights [..., H, W]: float32, shape [..., 1, H, W]."""
+    return codes.to(torch.float32).mul_(HEIGHT_UNIT_M).unsqueeze(-3)
+
+
+def encode_heights(pictures: Tensor) -> Tensor:
+    """int16 heights of pictures, the inverse of :func:`decode_heights` to 0.05 mm."""
+    return (pictures.squeeze(-3) / HEIGHT_UNIT_M).round().clamp(-(2**15), 2**15 - 1).to(torch.int16)
+
+
+Pair = tuple[Tensor, Tensor, Tensor, Tensor]
+"""int16 heights [scenes, size, size], present [scenes], parameters [7], material."""
+
+
+class PairStream(IterableDataset[Pair]):
+    """Endless stream of pairs; each pass visits every picture of its shards once, in a new order.
+
+    Args:
+        source: the pictures.
+        table: which of them.
+        size: edge of the pictures handed out [pixel].
+        seed: of all orders.
+        partition: which shards.
+        passes: number of passes; None = endless.
+        shuffled: False keeps the order of the store.
+        buffer_shards: shards whose pictures are mixed with each other.
+        cache_bytes: pictures kept decoded and shrunk in memory after their first reading.
+    """
+
+    def __init__(
+        self,
+        source: PictureSource,
+        table: PictureTable,
+        *,
+        size: int,
+        seed: int = 0,
+        partition: Partition = Partition(),
+        passes: int | None = None,
+        shuffled: bool = True,
+        buffer_shards: int = 8,
+        cache_bytes: int = 2_000_000_000,
+    ) -> None:
+        super().__init__()
+        self.source, self.table, self.size, self.seed = source, table, size, seed
+        self.partition, self.passes, self.shuffled = partition, passes, shuffled
+        self.buffer_shards, self.cache_bytes = buffer_shards, cache_bytes
+        self._cache: dict[int, Tensor] = {}
+        self._cached_bytes = 0
+
+    def __iter__(self) -> Iterator[Pair]:
+        mine, lane = self._my_shards()
+        done = 0
+        while self.passes is None or done < self.passes:
+            generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(_STREAM, lane, done)))
+            shards = generator.permutation(mine) if self.shuffled else mine
+            for start in range(0, len(shards), self.buffer_shards):
+                yield from self._pairs(shards[start : start + self.buffer_shards], generator)
+            done += 1
+
+    def _my_shards(self) -> tuple[NDArray[np.int64], int]:
+        info = get_worker_info()
+        workers, worker = (info.num_workers, info.id) if info else (1, 0)
+        lane, lanes = self.partition.rank * workers + worker, self.partition.world_size * workers
+        shards = np.unique(self.table.shard)
+        if len(shards) < lanes:
+            raise InputError(
+                f"{lanes} loaders but only {len(shards)} shards of pictures to share: use fewer ranks or workers, or a "
+                "store with smaller shards",
+                code="too_few_shards",
+            )
+        return shards[lane::lanes], lane
+
+    def _pairs(self, shards: NDArray[np.int64], generator: np.random.Generator) -> Iterator[Pair]:
+        chosen = np.flatnonzero(np.isin(self.table.shard, shards))
+        pictures = dict(zip(chosen.tolist(), self._read(chosen), strict=True))
+        pairs = pair_up(self.table.take(chosen), generator if self.shuffled else None)
+        for pair in generator.permutation(len(pairs)) if self.shuffled else range(len(pairs)):
+            members = [int(chosen[m]) if m >= 0 else -1 for m in pairs[pair]]
+            known = next(m for m in members if m >= 0)
+            yield (
+                torch.stack([pictures[m] if m >= 0 else self._nothing() for m in members]),
+                torch.tensor([m >= 0 for m in members]),
+                torch.from_numpy(self.table.parameters[known]),
+                torch.tensor(self.table.material[known]),
+            )
+
+    def _nothing(self) -> Tensor:
+        return torch.zeros((self.size, self.size), dtype=torch.int16)
+
+    def _read(self, chosen: NDArray[np.int64]) -> list[Tensor]:
+        """Heights of table entries, shrunk, in their order; from the cache where possible."""
+        missing = np.array([c for c in chosen if int(c) not in self._cache], dtype=np.int64)
+        fresh: dict[int, Tensor] = {}
+        for shard in np.unique(self.table.shard[missing]):
+            entries = missing[self.table.shard[missing] == shard]
+            heights = self.source.read(self.table.row[entries])
+            if heights.shape[-1] != self.size:
+                heights = encode_heights(resize(decode_heights(heights), self.size))
+            fresh.update(zip(entries.tolist(), heights, strict=True))
+        result = [fresh[int(c)] if int(c) in fresh else self._cache[int(c)] for c in chosen]
+        for entry, heights in fresh.items():
+            size = heights.numel() * heights.element_size()
+            if self._cached_bytes + size <= self.cache_bytes:
+                self._cache[entry] = heights.clone()
+                self._cached_bytes += size
+        return result
+
+
+def pair_up(table: PictureTable, generator: np.random.Generator | None) -> NDArray[np.int64]:
+    """Pairs of table entries, int64, shape [pairs, scenes], -1 = absent; every entry is in exactly one pair.
+
+    With a generator the pictures of a material are matched at random across scenes, else in their order.
+    """
+    pairs: list[NDArray[np.int64]] = []
+    for material in np.unique(table.material):
+        columns = []
+        for scene in range(len(SCENES)):
+            entries = np.flatnonzero((table.material == material) & (table.scene == scene))
+            columns.append(generator.permutation(entries) if generator is not None else entries)
+        block = np.full((max(map(len, columns)), len(SCENES)), -1, dtype=np.int64)
+        for scene, entries in enumerate(columns):
+            block[: len(entries), scene] = entries
+        pairs.append(block)
+    return np.concatenate(pairs) if pairs else np.empty((0, len(SCENES)), dtype=np.int64)
+
+
+def _collate(samples: list[Pair]) -> Batch:
+    codes, present, parameters, material = (torch.stack(column) for column in zip(*samples, strict=True))
+    return Batch(decode_heights(codes), present, parameters, material)
+
+
+def batches(stream: PairStream, batch_pairs: int, workers: int = 0) -> Iterator[Batch]:
+    """Batches of a stream, read in this process or by spawned workers."""
+    loader = DataLoader(
+        stream,
+        batch_size=batch_pairs,
+        num_workers=workers,
+        collate_fn=_collate,
+        multiprocessing_context="spawn" if workers else None,
+    )
+    yield from loader

@@ -1,0 +1,198 @@
+"""Estimates of a fabric's six stiffnesses from normalised captures and its density."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from capture.normalise import CANONICAL_SAMPLE_M, NetworkInput
+from simcore.errors import InputError, MissingResourceError
+from simcore.parameters import ESTIMATED_NAMES, LIMITS
+from simcore.scenes import Scene
+from trainer.dataset import SCENES
+from trainer.inference import scene_names
+from trainer.model import TrainedModel, is_model_folder, load_model
+from trainer.network import Features, fuse
+from trainer.outliers import picture_statistics
+from trainer.preprocess import network_images, resize
+from trainer.targets import similarity_shift
+
+DEFAULT_MODEL = Path(__file__).parent / "weights" / "default"
+"""The model that ships with the package."""
+
+MOST_STANDARDISED = 4.0
+"""The regressor is not believed further than this many spreads from the training materials' mean."""
+
+PRIOR_HALF_WIDTH = 2.0
+"""Where the calibration materials were too few: the training materials' own mean ± 2 spreads."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What the pictures and the density tell of a fabric.
+
+    Attributes:
+        parameters: the six of ``ESTIMATED_NAMES``, SI.
+        intervals_90: lower and upper end, SI; cover the truth for 90 % of synthetic fabrics held out of training.
+        out_of_distribution: the captures are unlike what the network was trained on; do not trust the intervals.
+        out_of_distribution_score: largest distance from the training pictures over its border; 1 is the border.
+        scenes: scenes the estimate rests on.
+        model_version: of the network.
+    """
+
+    parameters: dict[str, float]
+    intervals_90: dict[str, tuple[float, float]]
+    out_of_distribution: bool
+    out_of_distribution_score: float
+    scenes: tuple[str, ...]
+    model_version: str
+
+
+class _Extracted(NamedTuple):
+    """Features of one picture, [channels], with the sample's scale and the outlier score."""
+
+    maximum: torch.Tensor
+    mean: torch.Tensor
+    scale: float
+    score: float
+
+
+class Estimator:
+    """A loaded model. Not bound to a thread; give each thread its own or guard it."""
+
+    def __init__(self, model: TrainedModel) -> None:
+        self.model = model
+        self.model.network.eval()
+        self.version = model.version
+
+    @classmethod
+    def load(cls, folder: str | Path | None = None) -> Estimator:
+        """Load a model folder; None loads the one that ships with the package.
+
+        Raises:
+            InputError: no model there, or a damaged one.
+            MissingResourceError: no folder was given and none ships.
+        """
+        if folder is None:
+            if not is_model_folder(DEFAULT_MODEL):
+                raise MissingResourceError(
+                    "no model ships with this installation: train one with `drapemeter train --store STORE "
+                    "--out model/` and give --model model/",
+                    code="default_model_missing",
+                )
+            folder = DEFAULT_MODEL
+        return cls(load_model(folder))
+
+    @torch.no_grad()
+    def estimate(self, inputs: Mapping[Scene | str, NetworkInput | Sequence[NetworkInput]], density: float) -> Estimate:
+        """Estimate one fabric.
+
+        Repeats are averaged: every combination of one picture a scene gives a prediction, and their logarithms are
+        averaged. Samples that are not 0.5 m are converted by similarity (``trainer.targets.similarity_shift``).
+
+        Args:
+            inputs: normalised captures by scene, one or several of each; any subset of the scenes.
+            density: [kg/m²].
+
+        Raises:
+            InputError: no pictures, pictures of no cloth, an unknown scene or an unusable density.
+        """
+        check_density(density)
+        pictures = _by_scene(inputs)
+        extracted = {scene: self._extract(scene, shown) for scene, shown in pictures.items()}
+        scales = sorted({round(e.scale, 6) for shown in extracted.values() for e in shown})
+        parts = [self._predict(extracted, scale, density) for scale in scales]
+        centre = np.mean([part[0] for part in parts], axis=0)
+        low = np.mean([part[1] for part in parts], axis=0)
+        high = np.mean([part[2] for part in parts], axis=0)
+        scaling = self.model.scaling
+        beyond = abs(float(scaling.encode_density(np.array(density)))) / scaling.density_limit
+        score = max([beyond, *(float(np.median([e.score for e in shown])) for shown in extracted.values())])
+        values, lower, upper = (_within_limits(np.exp(logs)) for logs in (centre, low, high))
+        return Estimate(
+            parameters=dict(zip(ESTIMATED_NAMES, values, strict=True)),
+            intervals_90=dict(zip(ESTIMATED_NAMES, zip(lower, upper, strict=True), strict=True)),
+            out_of_distribution=score > 1.0,
+            out_of_distribution_score=score,
+            scenes=tuple(scene.value for scene in SCENES if scene in extracted),
+            model_version=self.version,
+        )
+
+    def _extract(self, scene: Scene, inputs: Sequence[NetworkInput]) -> list[_Extracted]:
+        size = self.model.config.network.input_size
+        heights = np.stack([np.where(i.mask, i.height, np.float32(0.0)) for i in inputs]).astype(np.float32)
+        pictures = resize(torch.from_numpy(heights)[:, None], size)
+        statistics = picture_statistics(pictures)
+        if (statistics[:, 0] <= 0.0).any():
+            raise InputError(
+                f"a {scene.value} picture shows no cloth before the panel: check the capture and its pose",
+                code="no_cloth",
+            )
+        features = self.model.network.extract(network_images(pictures, self.model.config.network))
+        scores = np.full(len(inputs), math.inf)
+        if scene.value in self.model.outliers:
+            joined = torch.cat(list(features), dim=1).double().numpy()
+            scores = self.model.outliers[scene.value].scores(joined, statistics).max(axis=1)
+        return [
+            _Extracted(features.maximum[k], features.mean[k], inputs[k].length_scale, float(scores[k]))
+            for k in range(len(inputs))
+        ]
+
+    def _predict(
+        self, extracted: Mapping[Scene, list[_Extracted]], scale: float, density: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Log-parameters with their interval from the samples of one size, each float64 [6]."""
+        shown = {s: [e for e in found if round(e.scale, 6) == scale] for s, found in extracted.items()}
+        scene_set = tuple(index for index, scene in enumerate(SCENES) if shown.get(scene))
+        combinations = list(product(*(shown[SCENES[index]] for index in scene_set)))
+        maximum = torch.stack([torch.stack([e.maximum for e in c]) for c in combinations])
+        mean = torch.stack([torch.stack([e.mean for e in c]) for c in combinations])
+        present = torch.ones(maximum.shape[:2], dtype=torch.bool)
+        scaling = self.model.scaling
+        standardised = torch.full((len(combinations),), float(scaling.encode_density(np.array(density))))
+        found = self.model.network.regress(fuse(Features(maximum, mean), present), standardised)
+        centre = found.mean.double().mean(dim=0).numpy().clip(-MOST_STANDARDISED, MOST_STANDARDISED)
+        spread = found.log_spread.double().exp().mean(dim=0).numpy()
+        half = self.model.intervals.half_widths(scene_names(scene_set), spread)
+        low = np.where(np.isfinite(half), centre - half, np.minimum(centre, -PRIOR_HALF_WIDTH))
+        high = np.where(np.isfinite(half), centre + half, np.maximum(centre, PRIOR_HALF_WIDTH))
+        shift = similarity_shift(scale * CANONICAL_SAMPLE_M)
+        logs = scaling.decode(np.stack([centre, low, high]), np.full(3, density)) + shift
+        return logs[0], logs[1], logs[2]
+
+
+def check_density(density: float) -> None:
+    """Raise :class:`InputError` for a density that no textile has."""
+    low, high = LIMITS["density"]
+    if not (math.isfinite(density) and low <= density <= high):
+        raise InputError(
+            f"density {density:g} kg/m² is outside {low:g} to {high:g} kg/m²: give kg/m², that is g/m² over 1000",
+            code="parameter_out_of_range",
+        )
+
+
+def _by_scene(
+    inputs: Mapping[Scene | str, NetworkInput | Sequence[NetworkInput]],
+) -> dict[Scene, list[NetworkInput]]:
+    found: dict[Scene, list[NetworkInput]] = {}
+    for name, shown in inputs.items():
+        pictures = [shown] if isinstance(shown, NetworkInput) else list(shown)
+        if pictures:
+            found.setdefault(Scene.parse(str(name)), []).extend(pictures)
+    if not found:
+        raise InputError("no capture to estimate from: give at least one picture of one scene", code="no_captures")
+    return found
+
+
+def _within_limits(values: NDArray[np.float64]) -> list[float]:
+    """Inside what :class:`~simcore.parameters.FabricParameters` accepts."""
+    limits = np.array([LIMITS[name] for name in ESTIMATED_NAMES])
+    return [float(v) for v in np.clip(values, limits[:, 0], limits[:, 1])]

@@ -1,0 +1,87 @@
+"""ImageNet weights for the trunk: a local folder first, else torchvision's download; never needed."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.error import URLError
+
+import torch
+from torch import Tensor
+
+from renderer.torchvision_import import import_torchvision
+from simcore.errors import InputError, MissingResourceError
+from trainer.trunk import ResNet18Trunk
+
+WEIGHTS_VARIABLE = "DRAPEMETER_WEIGHTS"
+PATTERNS = ("resnet18*.safetensors", "resnet18*.pth")
+_UNUSED = ("fc.weight", "fc.bias")
+
+
+@dataclass(frozen=True)
+class BaseWeights:
+    """Where a trunk's first weights came from; stored with the model, for their terms bind what is derived from them.
+
+    Attributes:
+        name: file name, or torchvision's name of the weights.
+        sha256: of the file; empty for torchvision's download, whose file name carries its hash.
+    """
+
+    name: str
+    sha256: str
+
+
+def load_pretrained_trunk(trunk: ResNet18Trunk) -> BaseWeights:
+    """Load ImageNet weights into a full-width trunk.
+
+    The first convolution is summed over its three colours, which equals showing it a grey picture; further input
+    channels start at zero.
+
+    Raises:
+        InputError: the trunk is not of full width.
+        MissingResourceError: no weights in the folder and none to download.
+    """
+    if trunk.channels != 512:
+        raise InputError(
+            f"pre-trained weights are for the full trunk (512 channels), this one has {trunk.channels}: "
+            "set trunk_width to 1 or train from scratch",
+            code="pretrained_width",
+        )
+    state, origin = _find_weights()
+    adapted = {key: tensor.float() for key, tensor in state.items() if key not in _UNUSED}
+    colour = adapted["conv1.weight"]
+    first = torch.zeros_like(trunk.conv1.weight)
+    first[:, 0] = colour.sum(dim=1)
+    adapted["conv1.weight"] = first
+    trunk.load_state_dict(adapted)
+    return origin
+
+
+def _find_weights() -> tuple[dict[str, Tensor], BaseWeights]:
+    folder = os.environ.get(WEIGHTS_VARIABLE)
+    if folder:
+        for pattern in PATTERNS:
+            for path in sorted(Path(folder).glob(pattern)):
+                return _read(path), BaseWeights(path.name, hashlib.sha256(path.read_bytes()).hexdigest())
+    weights = import_torchvision().models.ResNet18_Weights.IMAGENET1K_V1
+    try:
+        state = weights.get_state_dict(progress=False, check_hash=True)
+    except (URLError, OSError, RuntimeError) as error:
+        where = f"the folder {folder} ({WEIGHTS_VARIABLE}) has none" if folder else f"{WEIGHTS_VARIABLE} is not set"
+        raise MissingResourceError(
+            f"no ResNet-18 weights: {where} and torchvision's download failed ({error}); put resnet18*.safetensors or "
+            f"resnet18*.pth into a folder and name it in {WEIGHTS_VARIABLE}, or train from scratch",
+            code="weights_missing",
+        ) from None
+    return state, BaseWeights(str(weights), "")
+
+
+def _read(path: Path) -> dict[str, Tensor]:
+    if path.suffix == ".safetensors":
+        from safetensors.torch import load_file
+
+        return load_file(path)
+    state: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
+    return state

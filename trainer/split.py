@@ -1,0 +1,50 @@
+"""Which materials are learnt from, calibrated on and tested on: always whole materials, never pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.errors import InputError
+
+_SPLIT_STREAM = 1
+LEAST_MATERIALS = 5
+
+
+@dataclass(frozen=True)
+class MaterialSplit:
+    """Three disjoint sets of material numbers, each int64, sorted."""
+
+    train: NDArray[np.int64]
+    calibration: NDArray[np.int64]
+    test: NDArray[np.int64]
+
+
+def split_materials(
+    materials: NDArray[np.int64], *, seed: int, train_share: float, calibration_share: float
+) -> MaterialSplit:
+    """Split the materials at random; the same seed and materials give the same split.
+
+    Args:
+        materials: material number of each row or material, any order, repeats allowed.
+
+    Raises:
+        InputError: too few materials for three sets.
+    """
+    unique = np.unique(materials)
+    if len(unique) < LEAST_MATERIALS:
+        raise InputError(
+            f"the store has usable pictures of {len(unique)} materials, at least {LEAST_MATERIALS} are needed to "
+            "train, calibrate and test on different ones: make a larger store",
+            code="too_few_materials",
+        )
+    generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_SPLIT_STREAM,)))
+    shuffled = generator.permutation(unique)
+    calibration = max(1, round(calibration_share * len(unique)))
+    test = max(1, len(unique) - calibration - round(train_share * len(unique)))
+    held_out = calibration + test
+    return MaterialSplit(
+        np.sort(shuffled[held_out:]), np.sort(shuffled[:calibration]), np.sort(shuffled[calibration:held_out])
+    )

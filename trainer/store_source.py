@@ -1,0 +1,109 @@
+"""Training pictures out of a Zarr store."""
+
+from __future__ import annotations
+
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from renderer.depth import panel_depth
+from renderer.pose import inclination_pose
+from renderer.store import Store
+from simcore.errors import InputError
+from trainer.config import Inclinations
+from trainer.dataset import SCENES, PictureTable
+
+_COUNTS_PER_M = 1e4
+_SPARSE = 0.25
+"""Below this share of a shard's rows, pictures are read one by one."""
+
+
+class StoreSource:
+    """A store as a picture source. Cheap to pickle: a worker opens the store itself.
+
+    Args:
+        url: the store.
+        inclinations: see :class:`~trainer.config.TrainConfig`.
+
+    Raises:
+        InputError: no store there, or none of its pictures is usable.
+        StoreError: no store of this schema.
+    """
+
+    def __init__(self, url: str | Path, inclinations: Inclinations = "registered") -> None:
+        self.url, self.inclinations = str(url), inclinations
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"url": self.url, "inclinations": self.inclinations}
+
+    @cached_property
+    def store(self) -> Store:
+        """The open store of this process."""
+        return Store.open(self.url)
+
+    def provenance(self) -> dict[str, Any]:
+        """What the store says of itself, for the model's record."""
+        attributes = dict(self.store.attributes)
+        return {key: attributes.get(key) for key in ("schema", "configuration", "seed", "software_version")}
+
+    def table(self) -> PictureTable:
+        """Every picture of a simulation that came to rest, of finished shards."""
+        store = self.store
+        shard = np.arange(len(store)) // store.layout.rows_per_shard
+        usable = np.flatnonzero(store.ok & store.complete[shard])
+        if not len(usable):
+            raise InputError(
+                f"{self.url}: not one usable picture in {len(store)} rows; see `drapemeter dataset inspect`",
+                code="store_empty",
+            )
+        names = {scene.value: index for index, scene in enumerate(SCENES)}
+        return PictureTable(
+            row=usable,
+            shard=shard[usable],
+            material=store.materials[usable].astype(np.int64),
+            scene=np.array([names[str(name)] for name in store.scene[usable]], dtype=np.int64),
+            parameters=store.parameters[usable].astype(np.float64),
+            inclination_deg=store.inclination_deg[usable].astype(np.float64),
+            jitter=store.jitter[usable].astype(np.int64),
+        )
+
+    def read(self, rows: NDArray[np.int64]) -> Tensor:
+        """Heights over the panel, int16 in 0.1 mm, shape [rows, 256, 256]; rows of one shard."""
+        store = self.store
+        shard = int(rows[0]) // store.layout.rows_per_shard
+        span = store.rows(shard)
+        if len(rows) < _SPARSE * len(span):
+            counts = np.stack([store.depth(int(row)) * np.float32(_COUNTS_PER_M) for row in rows])
+        else:
+            counts = store.depth_counts(shard)[rows - span.start]
+        heights = np.empty(counts.shape, dtype=np.int16)
+        tilts = store.inclination_deg[rows]
+        for tilt in np.unique(tilts):
+            here = tilts == tilt
+            heights[here] = _heights(counts[here], float(tilt), self.inclinations == "as_seen")
+        return torch.from_numpy(heights)
+
+
+def _heights(counts: NDArray[Any], inclination_deg: float, as_seen: bool) -> NDArray[np.int16]:
+    """Depth counts [n, H, W] to heights; a tilted panel is the reference unless the slope is to be seen."""
+    panel = _panel_counts(0.0 if as_seen else inclination_deg)
+    height = np.subtract(panel, counts, dtype=np.float32)
+    if as_seen:
+        # The tilted panel itself must stay background.
+        height[np.abs(_panel_counts(inclination_deg) - counts) < 1.5] = 0.0
+    height[counts == 0] = 0.0
+    rounded: NDArray[np.int16] = np.rint(height).astype(np.int16)
+    return rounded
+
+
+@cache
+def _panel_counts(inclination_deg: float) -> NDArray[np.float32]:
+    """Depth of the inclined panel in the canonical camera, in counts, float32 [256, 256]."""
+    pose = frontal_pose() @ inclination_pose(inclination_deg)
+    return np.asarray(panel_depth(CANONICAL_CAMERA, pose) * np.float32(_COUNTS_PER_M), dtype=np.float32)

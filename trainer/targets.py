@@ -1,0 +1,120 @@
+"""What the network is asked to predict, and back: standardised logarithms of the six parameters.
+
+The parameters span four decades and are log-normal in the measured fabrics, hence logarithms and z-scores rather than
+the paper's minimum and maximum (``docs/decisions/003-log-targets.md``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from simcore.parameters import ESTIMATED_NAMES
+from simcore.scenes import GRAVITY_M_S2
+from trainer.config import Targets
+
+FloatArray = NDArray[np.float64]
+REFERENCE_SIZE_M = 0.5
+STRETCH_COUNT = sum(name.startswith("stretch") for name in ESTIMATED_NAMES)
+_LEAST_SPREAD = 1e-6
+
+
+@dataclass(frozen=True)
+class TargetScaling:
+    """Statistics of the training materials.
+
+    Attributes:
+        targets: ``log``: ln p; ``log_per_weight``: ln(p / (g * density)), membrane [m], bending [m³].
+        mean, spread: of those logarithms, shape [6].
+        density_mean, density_spread: of ln(density / (kg/m²)).
+        density_limit: the most extreme training density, in spreads from the mean.
+    """
+
+    targets: Targets
+    mean: tuple[float, ...]
+    spread: tuple[float, ...]
+    density_mean: float
+    density_spread: float
+    density_limit: float
+
+    @classmethod
+    def fit(cls, parameters: ArrayLike, targets: Targets) -> TargetScaling:
+        """From the training materials' parameters, shape [materials, 7], SI."""
+        values = np.asarray(parameters, dtype=np.float64)
+        logs = _logs(values[:, :6], values[:, 6], targets)
+        density = np.log(values[:, 6])
+        density_spread = float(max(density.std(), _LEAST_SPREAD))
+        return cls(
+            targets,
+            tuple(float(v) for v in logs.mean(axis=0)),
+            tuple(float(v) for v in np.maximum(logs.std(axis=0), _LEAST_SPREAD)),
+            float(density.mean()),
+            density_spread,
+            float(max(np.abs(density - density.mean()).max() / density_spread, 1.0)),
+        )
+
+    def encode(self, parameters: ArrayLike) -> FloatArray:
+        """Standardised targets, float64, shape [n, 6], of parameters [n, 7]."""
+        values = np.asarray(parameters, dtype=np.float64)
+        return np.asarray((_logs(values[:, :6], values[:, 6], self.targets) - self.mean) / self.spread)
+
+    def encode_density(self, density: ArrayLike) -> FloatArray:
+        """Standardised log-density, same shape as ``density`` [kg/m²]."""
+        return np.asarray((np.log(np.asarray(density, dtype=np.float64)) - self.density_mean) / self.density_spread)
+
+    def decode(self, standardised: ArrayLike, density: ArrayLike) -> FloatArray:
+        """Logarithms of the six parameters [ln SI], float64, shape [n, 6].
+
+        Args:
+            standardised: shape [n, 6].
+            density: [kg/m²], shape [n].
+        """
+        logs = np.asarray(standardised, dtype=np.float64) * self.spread + self.mean
+        if self.targets == "log_per_weight":
+            logs = logs + np.log(np.asarray(density, dtype=np.float64) * GRAVITY_M_S2)[:, None]
+        return np.asarray(logs)
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON values."""
+        return {
+            "targets": self.targets,
+            "mean": list(self.mean),
+            "spread": list(self.spread),
+            "density_mean": self.density_mean,
+            "density_spread": self.density_spread,
+            "density_limit": self.density_limit,
+        }
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> TargetScaling:
+        """Back from :meth:`to_json`."""
+        return cls(
+            values["targets"],
+            tuple(values["mean"]),
+            tuple(values["spread"]),
+            values["density_mean"],
+            values["density_spread"],
+            values["density_limit"],
+        )
+
+
+def _logs(parameters: FloatArray, density: FloatArray, targets: Targets) -> FloatArray:
+    logs = np.log(parameters)
+    if targets == "log_per_weight":
+        logs = logs - np.log(density * GRAVITY_M_S2)[:, None]
+    return np.asarray(logs)
+
+
+def similarity_shift(size_m: float) -> FloatArray:
+    """What to add to the log-parameters read from a sample that is not 0.5 m, shape [6].
+
+    A static drape depends on k / (rho g L) and B / (rho g L³) alone. A sample of edge L that, shrunk or grown to the
+    reference of 0.5 m, looks like a reference sample of the same density and parameters k0, B0 has therefore
+    k = k0 (L / 0.5 m) and B = B0 (L / 0.5 m)³.
+    """
+    ratio = np.log(size_m / REFERENCE_SIZE_M)
+    powers = np.array([1.0] * STRETCH_COUNT + [3.0] * (len(ESTIMATED_NAMES) - STRETCH_COUNT))
+    return np.asarray(powers * ratio)

@@ -1,0 +1,196 @@
+"""The training loop: a source of pictures in, a trained model out. Read it from top to bottom."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from trainer.augment import Augmenter
+from trainer.calibrate import calibrate
+from trainer.config import TrainConfig
+from trainer.dataset import SCENES, Batch, PairStream, Partition, PictureSource, PictureTable, batches
+from trainer.distributed import average_gradients, average_statistics, broadcast_state
+from trainer.evaluate import evaluate
+from trainer.model import TrainedModel, round_weights
+from trainer.network import DrapeNetwork, Features, fuse
+from trainer.preprocess import network_images
+from trainer.pretrained import load_pretrained_trunk
+from trainer.split import MaterialSplit, split_materials
+from trainer.targets import TargetScaling
+
+SUBSETS: dict[str, tuple[tuple[int, ...], ...]] = {"single": ((0,), (1,)), "subsets": ((0,), (1,), (0, 1))}
+"""Scene sets that the loss sees, by ``TrainConfig.fusion_training``."""
+
+_AUGMENT_STREAM, _WEIGHTS_STREAM = 3, 4
+SPREAD_LOSS_WEIGHT = 0.1
+
+
+@dataclass(frozen=True)
+class Progress:
+    """State of a run after a step.
+
+    Attributes:
+        step, steps: optimiser steps done and to do.
+        loss: mean squared error of the standardised targets, averaged over the recent steps.
+    """
+
+    step: int
+    steps: int
+    loss: float
+
+
+def train(
+    source: PictureSource,
+    config: TrainConfig = TrainConfig(),
+    *,
+    partition: Partition = Partition(),
+    report: Callable[[Progress], None] | None = None,
+) -> TrainedModel:
+    """Train, calibrate the intervals and test on held-out materials.
+
+    The same configuration, source and number of threads give the same model.
+
+    Args:
+        source: pictures with their parameters.
+        config: every choice.
+        partition: this process's share of the shards, when several train together (``torch.distributed`` is up then).
+        report: called after each step.
+
+    Raises:
+        InputError: too few materials, or fewer shards than loaders.
+    """
+    torch.set_num_threads(config.threads)
+    table = source.table()
+    split = split_materials(
+        table.material, seed=config.seed, train_share=config.train_share, calibration_share=config.calibration_share
+    )
+    training = table.of_materials(split.train)
+    if config.inclinations == "upright":
+        training = training.upright()
+    scaling = TargetScaling.fit(training.material_parameters(), config.network.targets)
+    network = build_network(config)
+    broadcast_state(network, partition)
+
+    stream = PairStream(source, training, size=config.network.input_size, seed=config.seed, partition=partition)
+    pairs = batches(stream, max(1, config.batch_size // len(SCENES)), config.workers)
+    fit(network, pairs, steps_of(training, config, partition), config, scaling, partition=partition, report=report)
+    return finish(network, source, table, split, config, scaling)
+
+
+def build_network(config: TrainConfig) -> DrapeNetwork:
+    """A fresh network; its initial weights depend on the seed alone."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(_seed(config.seed, _WEIGHTS_STREAM))
+        network = DrapeNetwork(config.network)
+        if config.pretrained:
+            load_pretrained_trunk(network.trunk)
+    return network
+
+
+def steps_of(training: PictureTable, config: TrainConfig, partition: Partition) -> int:
+    """Optimiser steps of the whole run."""
+    pictures = len(training)
+    if config.pictures_per_epoch:
+        pictures = min(pictures, config.pictures_per_epoch)
+    return config.epochs * max(1, math.ceil(pictures / (config.batch_size * partition.world_size)))
+
+
+def fit(
+    network: DrapeNetwork,
+    pairs: Iterable[Batch],
+    steps: int,
+    config: TrainConfig,
+    scaling: TargetScaling,
+    *,
+    partition: Partition = Partition(),
+    report: Callable[[Progress], None] | None = None,
+) -> None:
+    """The loop itself: AdamW, linear warm-up, cosine to zero, gradients clipped at norm 1."""
+    augment = Augmenter(config.augment)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    warmup = max(1, round(config.warmup_share * steps))
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimiser, lambda step: _learning_share(step, steps, warmup))
+    network.train()
+    recent = math.nan
+    with torch.random.fork_rng(devices=[]):  # dropout draws from the global generator
+        torch.manual_seed(_seed(config.seed, _AUGMENT_STREAM, partition.rank))
+        for step, batch in zip(range(steps), pairs, strict=False):
+            flat = batch.pictures[batch.present]
+            flat = augment(flat, _seed(config.seed, _AUGMENT_STREAM, partition.rank, step))
+            features = pooled_by_scene(network, network_images(flat, config.network), batch.present)
+            error, spread_loss = losses(network, features, batch, scaling, SUBSETS[config.fusion_training])
+            optimiser.zero_grad(set_to_none=True)
+            (error + SPREAD_LOSS_WEIGHT * spread_loss).backward()  # type: ignore[no-untyped-call]  # torch's own stub
+            average_gradients(network, partition)
+            torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+            optimiser.step()
+            schedule.step()
+            value = float(error.detach())
+            recent = value if math.isnan(recent) else 0.95 * recent + 0.05 * value
+            if report is not None:
+                report(Progress(step + 1, steps, recent))
+    average_statistics(network, partition)
+    network.eval()
+
+
+def pooled_by_scene(network: DrapeNetwork, images: Tensor, present: Tensor) -> Features:
+    """Features, [pairs, scenes, channels], of the images [pictures, ...] that are ``present`` [pairs, scenes]."""
+    found = network.extract(images)
+    shape = (*present.shape, network.feature_channels)
+    return Features(*(f.new_zeros(shape).index_put((present,), f) for f in found))
+
+
+def losses(
+    network: DrapeNetwork,
+    features: Features,
+    batch: Batch,
+    scaling: TargetScaling,
+    subsets: tuple[tuple[int, ...], ...],
+) -> tuple[Tensor, Tensor]:
+    """Mean squared error (the paper's loss) and the spread's likelihood, over the scene sets that are there."""
+    truth = torch.from_numpy(scaling.encode(batch.parameters.numpy())).float()
+    density = torch.from_numpy(scaling.encode_density(batch.parameters[:, 6].numpy())).float()
+    errors, likelihoods = [], []
+    for subset in subsets:
+        rows = batch.present[:, list(subset)].all(dim=1)
+        if not rows.any():
+            continue
+        shown = torch.zeros_like(batch.present[rows])
+        shown[:, list(subset)] = True
+        fused = fuse(Features(features.maximum[rows], features.mean[rows]), shown)
+        mean, log_spread = network.regress(fused, density[rows])
+        squared = (mean - truth[rows]) ** 2
+        errors.append(squared)
+        likelihoods.append(0.5 * squared.detach() * torch.exp(-2 * log_spread) + log_spread)
+    return torch.cat(errors).mean(), torch.cat(likelihoods).mean()
+
+
+def finish(
+    network: DrapeNetwork,
+    source: PictureSource,
+    table: PictureTable,
+    split: MaterialSplit,
+    config: TrainConfig,
+    scaling: TargetScaling,
+) -> TrainedModel:
+    """Round the weights to what is stored, then calibrate and test exactly that network."""
+    if config.half_precision_weights:
+        round_weights(network)
+    calibration = calibrate(network, source, table, split, config, scaling)
+    metrics = evaluate(network, source, table, split, config, scaling, calibration.intervals)
+    return TrainedModel(config, network, scaling, calibration.intervals, calibration.outliers, metrics)
+
+
+def _learning_share(step: int, steps: int, warmup: int) -> float:
+    if step < warmup:
+        return (step + 1) / warmup
+    return 0.5 * (1.0 + math.cos(math.pi * (step - warmup) / max(1, steps - warmup)))
+
+
+def _seed(*path: int) -> int:
+    return int(np.random.SeedSequence(path[0], spawn_key=path[1:]).generate_state(1)[0])
