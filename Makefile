@@ -8,7 +8,7 @@ OUT ?= demo-out
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PACKAGES := simcore renderer capture metric trainer diagnosis services
-export VENV
+export VENV PYTHON TORCH_INDEX
 
 .PHONY: help setup demo test lint format bench bench-solver serve lock clean
 
