@@ -1,0 +1,1 @@
+"""The dataset service: sweeps of fabrics, scenes and repeats into one store, on Ray."""

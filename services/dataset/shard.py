@@ -1,0 +1,159 @@
+"""The work of one shard: simulate, render, and gather the rows; every failure is a row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from renderer.store import RowStatus, ShardRows, quantise_depth
+from renderer.store_format import SCENE_CODES
+from services.dataset.configuration import SweepConfiguration, simulation_seed
+from simcore.drape import Drape, DrapeStatus
+from simcore.errors import DrapemeterError
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+from simcore.solver import Solver
+
+_STATUS = {
+    DrapeStatus.STILL: RowStatus.OK,
+    DrapeStatus.NOT_STILL: RowStatus.NOT_STILL,
+    DrapeStatus.UNDER_RESOLVED: RowStatus.UNDER_RESOLVED,
+    DrapeStatus.DIVERGED: RowStatus.DIVERGED,
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one simulation ended.
+
+    Attributes:
+        status, reason: of all its rows.
+        drape: what the solver returned, None where it did not return.
+        depth: 0.1 mm counts, uint16, shape [inclinations, height, width]; zeros unless ``status`` is OK.
+    """
+
+    status: RowStatus
+    reason: str
+    drape: Drape | None
+    depth: NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class ShardTask:
+    """What a worker is told.
+
+    Attributes:
+        shard: its number.
+        parameters: fabric of each of its simulations, SI, float32, shape [simulations, 7].
+        given_up: simulations (by number) not to be tried, with status and reason, because they killed workers before.
+    """
+
+    shard: int
+    parameters: NDArray[np.float32]
+    given_up: Mapping[int, tuple[RowStatus, str]]
+
+
+def simulate_shard(
+    task: ShardTask, configuration: SweepConfiguration, solver: Solver
+) -> Iterator[tuple[RowStatus, ShardRows]]:
+    """Rows of each simulation of a shard in turn, with its status."""
+    layout = configuration.layout
+    for number, fabric in zip(layout.shard_simulations(task.shard), task.parameters, strict=True):
+        material, scene, jitter = layout.address(number)
+        scene_name = configuration.scenes[scene]
+        code = SCENE_CODES[scene_name]
+        seed = simulation_seed(configuration.seed, (material, code, jitter))
+        if number in task.given_up:
+            outcome = Outcome(*task.given_up[number], drape=None, depth=_no_depth(configuration))
+        else:
+            outcome = simulate_and_render(fabric, scene_name, seed, configuration, solver)
+        yield outcome.status, _rows(outcome, fabric, (material, code, jitter), seed, configuration)
+
+
+def simulate_and_render(
+    fabric: NDArray[np.float32], scene: str, seed: int, configuration: SweepConfiguration, solver: Solver
+) -> Outcome:
+    """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised."""
+    nothing = _no_depth(configuration)
+    try:
+        drape = solver.solve(
+            FabricParameters.from_array(fabric),
+            Setup.nominal(scene),
+            seed=seed,
+            time_limit_s=configuration.time_limit_s,
+        )
+    except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
+        refused = isinstance(error, DrapemeterError)
+        status = RowStatus.REFUSED if refused else RowStatus.CRASHED
+        return Outcome(status, f"{type(error).__name__}: {error}", None, nothing)
+    status = _STATUS[drape.status]
+    if status is not RowStatus.OK:
+        if drape.seconds >= configuration.time_limit_s:
+            status = RowStatus.TIMED_OUT
+        return Outcome(status, drape.reason or drape.status.value, drape, nothing)
+    try:
+        depth = render_pictures(drape, configuration)
+    except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
+        return Outcome(RowStatus.BAD_RENDER, f"{type(error).__name__}: {error}", drape, nothing)
+    fault = picture_fault(depth)
+    if fault:
+        return Outcome(RowStatus.BAD_RENDER, fault, drape, nothing)
+    return Outcome(RowStatus.OK, "", drape, quantise_depth(depth))
+
+
+def render_pictures(drape: Drape, configuration: SweepConfiguration) -> NDArray[np.float32]:
+    """Depth of a drape at every inclination [m], float32, shape [inclinations, height, width]."""
+    from renderer.depth import render_depths
+
+    return render_depths(
+        drape.vertices, drape.mesh.triangles, CANONICAL_CAMERA, frontal_pose(), configuration.inclinations_deg
+    )
+
+
+def picture_fault(depth: NDArray[np.float32]) -> str:
+    """What is wrong with depth pictures, shape [pictures, height, width]; empty when they may be used."""
+    flat = depth.reshape(len(depth), -1)
+    if not np.isfinite(flat).all():
+        return "depth is not finite"
+    if (flat.max(axis=1) <= 0.0).any():
+        return "nothing is seen"
+    if (flat.max(axis=1) == flat.min(axis=1)).any():
+        return "the picture is constant"
+    return ""
+
+
+def _no_depth(configuration: SweepConfiguration) -> NDArray[np.uint16]:
+    return np.zeros((configuration.inclinations, CANONICAL_CAMERA.height, CANONICAL_CAMERA.width), dtype=np.uint16)
+
+
+def _rows(
+    outcome: Outcome,
+    fabric: NDArray[np.float32],
+    address: tuple[int, int, int],
+    seed: int,
+    configuration: SweepConfiguration,
+) -> ShardRows:
+    count = configuration.inclinations
+    drape = outcome.drape
+    vertices = np.full((1, configuration.mesh.vertex_count, 3), np.nan, dtype=np.float32)
+    if drape is not None:
+        vertices[0] = drape.vertices
+    material, code, jitter = address
+    return ShardRows(
+        depth=outcome.depth,
+        parameters=np.repeat(fabric[None], count, axis=0),
+        scene=np.full(count, code, dtype=np.uint8),
+        status=np.full(count, outcome.status, dtype=np.uint8),
+        reason=np.full(count, " ".join(outcome.reason.split())[:300], dtype=object),
+        inclination_deg=np.asarray(configuration.inclinations_deg, dtype=np.float32),
+        seed=np.full(count, seed, dtype=np.uint64),
+        material=np.full(count, material, dtype=np.uint32),
+        jitter=np.full(count, jitter, dtype=np.uint32),
+        vertices=vertices,
+        residual=np.array([np.nan if drape is None else drape.residual]),
+        energy=np.array([np.nan if drape is None else drape.energy]),
+    )

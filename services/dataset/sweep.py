@@ -1,0 +1,117 @@
+"""A sweep from start or resumption to a complete store."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from renderer.store import RowStatus, Store, StoreWriter, store_exists
+from renderer.store_location import is_remote, local_path
+from services.dataset.cluster import ray_cluster
+from services.dataset.configuration import SweepConfiguration, differences, software_version
+from services.dataset.dispatch import Dispatcher, DispatchOptions
+from services.dataset.fabrics import FabricTable
+from services.dataset.worker import SimulationDone
+from simcore.errors import InputError
+
+
+@dataclass(frozen=True)
+class SweepSummary:
+    """What a sweep ended with.
+
+    Attributes:
+        samples: rows of the store.
+        failed: number of failed rows by status.
+        seconds: wall-clock time of this run.
+    """
+
+    samples: int
+    failed: dict[str, int]
+    seconds: float
+
+
+def prepare_store(url: str, configuration: SweepConfiguration, *, resume: bool) -> list[int]:
+    """Lay the store out, or check that the one there is of the same sweep; returns the shards still to do.
+
+    Raises:
+        InputError: a store is there and ``resume`` is not given, or it is of another configuration or version, or the
+            place cannot be written to.
+        StoreError: the place fails.
+    """
+    layout = configuration.layout
+    if not resume or not store_exists(url):
+        StoreWriter.create(
+            url,
+            layout,
+            configuration=configuration.model_dump(mode="json"),
+            seed=configuration.seed,
+            software_version=software_version(),
+        )
+        return list(range(layout.shards))
+    store = Store.open(url)
+    differing = differences(store.attributes["configuration"], configuration)
+    if differing:
+        raise InputError(
+            f"{url}: was made with other settings ({', '.join(differing)}); "
+            "resume it with its own, or choose another --out",
+            code="store_configuration",
+        )
+    if store.attributes["software_version"] != software_version():
+        raise InputError(
+            f"{url}: was begun with version {store.attributes['software_version']}, this is {software_version()}; "
+            "finish it with the same version, or choose another --out",
+            code="store_version",
+        )
+    if not is_remote(url):
+        for leftover in local_path(url).rglob("*.partial"):  # of a writer killed in the middle of an object
+            leftover.unlink(missing_ok=True)
+    return [int(shard) for shard in np.flatnonzero(~store.complete)]
+
+
+def run_sweep(
+    url: str | Path,
+    configuration: SweepConfiguration,
+    fabrics: FabricTable,
+    *,
+    resume: bool = False,
+    address: str | None = None,
+    workers: int | None = None,
+    recycle_after: int = 2000,
+    listen: Callable[[SimulationDone], None] = lambda word: None,
+    begin: Callable[[int], None] = lambda simulations: None,
+) -> SweepSummary:
+    """Simulate and render a whole sweep into a store.
+
+    Args:
+        url: where the store is or shall be: local folder or URL.
+        configuration, fabrics: the sweep, from :func:`~services.dataset.fabrics.plan_sweep`.
+        resume: finish a store that is there.
+        address, workers: see :func:`~services.dataset.cluster.ray_cluster`.
+        recycle_after: simulations after which a worker's process is replaced.
+        listen: called after each simulation.
+        begin: called once with the number of simulations to do.
+
+    Raises:
+        InputError: bad input; nothing was damaged.
+        StoreError: the store's place failed; ``resume`` does the rest.
+    """
+    started = time.monotonic()
+    place = str(url) if is_remote(url) else str(local_path(url).absolute())
+    shards = prepare_store(place, configuration, resume=resume)
+    begin(sum(len(configuration.layout.shard_simulations(shard)) for shard in shards))
+    if shards:
+        with ray_cluster(address, workers) as count:
+            options = DispatchOptions(workers=min(count, len(shards)), recycle_after=recycle_after)
+            Dispatcher(place, configuration, fabrics, options, listen).run(shards)
+    store = Store.open(place)
+    return SweepSummary(len(store), count_failures(store), time.monotonic() - started)
+
+
+def count_failures(store: Store) -> dict[str, int]:
+    """Failed or missing rows by status."""
+    codes, counts = np.unique(store.status[~store.ok], return_counts=True)
+    return {RowStatus(int(code)).label: int(count) for code, count in zip(codes, counts, strict=True)}

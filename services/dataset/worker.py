@@ -1,0 +1,83 @@
+"""The long-lived worker: one process, one Taichi runtime, one solver, many shards."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from renderer.store import RowStatus, ShardRows, StoreWriter
+from services.dataset.configuration import SweepConfiguration
+from services.dataset.shard import ShardTask, simulate_shard
+from simcore.solver import Solver
+
+
+@dataclass(frozen=True)
+class SimulationDone:
+    """A worker's word after each simulation; after the last one of a shard, the shard is stored.
+
+    Attributes:
+        simulation: its number in the sweep.
+        status: how it ended.
+        solves: simulations this worker has done since it started.
+        rss_bytes: memory the worker holds.
+        stored: the shard is written and marked complete.
+    """
+
+    simulation: int
+    status: RowStatus
+    solves: int
+    rss_bytes: int
+    stored: bool
+
+
+class ShardWorker:
+    """Simulates, renders and writes whole shards. Run as a Ray actor, usable without Ray.
+
+    Args:
+        url: the store, already laid out.
+        configuration: the sweep.
+    """
+
+    def __init__(self, url: str, configuration: SweepConfiguration) -> None:
+        self._url = url
+        self._configuration = configuration
+        self._solver: Solver | None = None
+        self._writer: StoreWriter | None = None
+        self._solves = 0
+
+    def run(self, task: ShardTask) -> Iterator[SimulationDone]:
+        """Do one shard; yields after each simulation, the last time after the shard is stored.
+
+        Raises:
+            InputError: no space or no permission.
+            StoreError: the place of the store fails.
+        """
+        solver, writer = self._ready()
+        numbers = self._configuration.layout.shard_simulations(task.shard)
+        parts: list[ShardRows] = []
+        for number, (status, rows) in zip(numbers, simulate_shard(task, self._configuration, solver), strict=True):
+            parts.append(rows)
+            self._solves += 1
+            stored = len(parts) == len(numbers)
+            if stored:
+                writer.write_shard(task.shard, ShardRows.concatenate(parts))
+            yield SimulationDone(number, status, self._solves, resident_bytes(), stored)
+
+    def _ready(self) -> tuple[Solver, StoreWriter]:
+        """Solver and writer, made by the first shard: what fails there is raised as a task's error, with its cause."""
+        if self._solver is None or self._writer is None:
+            self._writer = StoreWriter.open(self._url)
+            self._solver = Solver(self._configuration.mesh)
+        return self._solver, self._writer
+
+    def process_id(self) -> int:
+        """Process of this worker."""
+        return os.getpid()
+
+
+def resident_bytes() -> int:
+    """Memory this process holds [byte] (Linux)."""
+    pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
