@@ -137,7 +137,7 @@ class Camera:
         z = np.asarray(depth, dtype=np.float64)
         if z.shape != (self.height, self.width):
             raise InputError(
-                f"depth picture of shape {z.shape} does not fit a camera of {self.height} rows and {self.width} columns",
+                f"depth picture of shape {z.shape} does not fit a camera of shape ({self.height}, {self.width})",
                 code="depth_shape",
             )
         return ray_directions(self) * np.where(z > 0.0, z, np.nan)[..., None]

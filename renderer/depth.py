@@ -72,7 +72,7 @@ def render_depth(
     Raises:
         InputError: mesh not finite or empty, pose not rigid, inclination absurd, camera behind the panel.
     """
-    return render_depths(
+    pictures = render_depths(
         vertices,
         triangles,
         camera,
@@ -81,7 +81,9 @@ def render_depth(
         panel=panel,
         panel_extent_m=panel_extent_m,
         incline_panel=incline_panel,
-    )[0]
+    )
+    picture: NDArray[np.float32] = pictures[0]
+    return picture
 
 
 def render_depths(

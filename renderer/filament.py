@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from functools import cache
 from typing import Any
 
@@ -181,12 +181,13 @@ class _Filament:
 
 @contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
-    """Send what native code writes to standard output to standard error."""
+    """Send what Open3D and Filament write to standard output, through Python or past it, to standard error."""
     sys.stdout.flush()
     saved = os.dup(1)
     try:
         os.dup2(2, 1)
-        yield
+        with redirect_stdout(sys.stderr):
+            yield
     finally:
         os.dup2(saved, 1)
         os.close(saved)

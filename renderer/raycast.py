@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,12 +52,13 @@ class RayScene:
 
         self.vertices, self.triangles = check_surface(vertices, triangles)
         self._threads = threads
-        self._tensor: Any = o3d.core.Tensor
+        core, cpu = o3d.core, o3d.core.Device("CPU:0")
         self._scene: Any = o3d.t.geometry.RaycastingScene(nthreads=threads)
         self._scene.add_triangles(
-            self._tensor(np.ascontiguousarray(self.vertices, dtype=np.float32)),
-            self._tensor(np.ascontiguousarray(self.triangles, dtype=np.uint32)),
+            core.Tensor(self.vertices.astype(np.float32), core.float32, cpu),
+            core.Tensor(self.triangles.astype(np.uint32), core.uint32, cpu),
         )
+        self._rays: Callable[[NDArray[np.float32]], Any] = lambda rays: core.Tensor(rays, core.float32, cpu)
 
     def cast(self, camera: Camera, camera_from_panel: ArrayLike) -> RayHits:
         """First hit of every pixel's ray.
@@ -79,7 +81,7 @@ class RayScene:
         rays = np.empty((*directions.shape[:2], 6), dtype=np.float32)
         rays[..., :3] = origin
         rays[..., 3:] = directions @ rotation
-        answer = self._scene.cast_rays(self._tensor(rays), nthreads=self._threads)
+        answer = self._scene.cast_rays(self._rays(rays), nthreads=self._threads)
         hits.depth[window] = answer["t_hit"].numpy()
         hits.triangle[window] = answer["primitive_ids"].numpy().view(np.int32)  # "none" is 2**32 - 1, that is -1
         hits.barycentric[window] = answer["primitive_uvs"].numpy()

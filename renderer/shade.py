@@ -42,7 +42,7 @@ class ShadedRenderer:
     """Draws drapes with one camera and one light.
 
     Both engines give the same picture within a few grey levels; which to take and why stands in
-    ``docs/decisions/002-shading-by-ray-casting.md``. An engine that cannot run is an error, never replaced by the other.
+    ``docs/decisions/002-shading-by-ray-casting.md``. An engine that cannot run is an error, not replaced by the other.
 
     Args:
         camera: the camera, the same as that of the depth pictures.
@@ -146,4 +146,5 @@ def _raycast_radiance(
 def _average(linear: NDArray[np.float64], factor: int) -> NDArray[np.float64]:
     """Mean of each block of ``factor`` x ``factor`` samples."""
     height, width = linear.shape
-    return linear.reshape(height // factor, factor, width // factor, factor).mean(axis=(1, 3))
+    mean: NDArray[np.float64] = linear.reshape(height // factor, factor, width // factor, factor).mean(axis=(1, 3))
+    return mean

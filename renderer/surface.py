@@ -56,11 +56,12 @@ def vertex_normals(vertices: NDArray[np.float64], triangles: NDArray[np.int32]) 
     """
     areas = triangle_areas(vertices, triangles)
     corners = triangles.T.ravel()
-    normals = np.stack(
+    normals: NDArray[np.float64] = np.stack(
         [np.bincount(corners, weights=np.tile(areas[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
     )
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     flat = length[:, 0] < 1e-300
     normals[flat] = (0.0, 0.0, 1.0)
     length[flat] = 1.0
-    return normals / length
+    normals /= length
+    return normals
