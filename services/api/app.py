@@ -1,0 +1,69 @@
+"""The application."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import APIRouter, FastAPI
+
+from services.api.inference import Inference
+from services.api.metrics import Metrics
+from services.api.middleware import BodyLimit, RequestRecord
+from services.api.openapi import install_openapi
+from services.api.problems import install_problem_handlers
+from services.api.routes import (
+    datasets,
+    diagnoses,
+    drape_distances,
+    estimates,
+    fabric_search,
+    fabrics,
+    health,
+    jobs,
+)
+from services.api.state import ServiceState
+from services.db.engine import Database
+from services.settings import Settings
+from services.version import software_version
+
+ROUTERS: tuple[APIRouter, ...] = (
+    estimates.router,
+    drape_distances.router,
+    fabrics.router,
+    fabric_search.router,
+    diagnoses.router,
+    datasets.router,
+    jobs.router,
+    health.router,
+)
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """An application with its own database connections and inference process, ended with it."""
+    database = Database(settings.database)
+    inference = Inference(queue=settings.estimate_queue, timeout_s=settings.estimate_timeout_s)
+    metrics = Metrics(database)
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        yield
+        inference.close()
+        database.close()
+
+    app = FastAPI(
+        title="Drapemeter",
+        version=software_version(),
+        lifespan=lifespan,
+        docs_url=None,  # the interactive pages load scripts from elsewhere
+        redoc_url=None,
+        redirect_slashes=False,
+    )
+    app.state.service = ServiceState(settings, database, inference, metrics)
+    for router in ROUTERS:
+        app.include_router(router)
+    install_problem_handlers(app)
+    install_openapi(app)
+    app.add_middleware(BodyLimit, limit=settings.max_request_bytes)
+    app.add_middleware(RequestRecord, metrics=metrics)
+    return app

@@ -1,0 +1,119 @@
+"""Who asks, and whether they may."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import Annotated
+from urllib.parse import urlsplit
+
+from fastapi import Depends, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from services.api.keys import any_key, find_key, note_use
+from services.api.problems import ProblemError
+from services.api.scopes import ApiScope
+from services.api.state import ServiceState, get_state
+from services.db.base import utc_now
+
+LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
+NOTE_USE_EVERY = timedelta(minutes=1)
+
+bearer = HTTPBearer(
+    auto_error=False,
+    scheme_name="ApiKey",
+    description="`Authorization: Bearer dm_...`, made by `drapemeter keys create`. "
+    "A server on loopback without any key is open.",
+)
+
+
+@dataclass(frozen=True)
+class Caller:
+    """Who asks.
+
+    Attributes:
+        key_id: the API key; None on an open server.
+        scopes: what it may do.
+    """
+
+    key_id: str | None
+    scopes: frozenset[ApiScope]
+
+    def may(self, scope: ApiScope) -> bool:
+        """Whether a permission is there."""
+        return scope in self.scopes
+
+    def owns(self, owner: str | None) -> bool:
+        """Whether something was made by this caller."""
+        return self.key_id is None or self.key_id == owner
+
+
+EVERYBODY = Caller(None, frozenset(ApiScope))
+"""The caller on an open server."""
+
+
+def get_caller(
+    request: Request,
+    state: Annotated[ServiceState, Depends(get_state)],
+    credentials: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)],
+) -> Caller:
+    """The caller of a request.
+
+    Raises:
+        ProblemError: 401 when a key is needed and none, or no valid one, is there.
+    """
+    challenge = {"WWW-Authenticate": "Bearer"}
+    with state.database.read() as session:
+        if credentials is None:
+            if "authorization" in request.headers:
+                raise ProblemError(401, "key_invalid", "send the key as 'Authorization: Bearer dm_...'", challenge)
+            if not state.settings.guarded and not any_key(session):
+                refuse_browsers(request)
+                return EVERYBODY
+            detail = (
+                "an API key is needed: 'drapemeter keys create' makes one; send it as 'Authorization: Bearer dm_...'"
+            )
+            raise ProblemError(401, "key_missing", detail, challenge)
+        key = find_key(session, credentials.credentials)
+    if key is None:
+        raise ProblemError(
+            401, "key_invalid", "the API key is unknown, revoked or expired: ask for a new one", challenge
+        )
+    if key.last_used_at is None or utc_now() - key.last_used_at > NOTE_USE_EVERY:
+        with state.database.write() as session:
+            note_use(session, key.id)
+    known = {scope.value for scope in ApiScope}
+    return Caller(key.id, frozenset(ApiScope(name) for name in key.scopes if name in known))
+
+
+def refuse_browsers(request: Request) -> None:
+    """On an open server, refuse what a foreign web page in the user's browser could have sent.
+
+    A page can reach a server on loopback by a name that it controls (DNS rebinding) or by a form (forgery); both show
+    in the headers that a browser always sends.
+
+    Raises:
+        ProblemError: 403.
+    """
+    host, origin = request.headers.get("host", ""), request.headers.get("origin")
+    if re.sub(r":\d+$", "", host) in LOOPBACK_NAMES and (origin is None or urlsplit(origin).netloc == host):
+        return
+    detail = "without API keys the server answers programs on this machine only: address it as http://127.0.0.1"
+    raise ProblemError(403, "origin_refused", detail)
+
+
+def require(scope: ApiScope) -> Callable[..., Caller]:
+    """A dependency that lets only callers with a permission through.
+
+    Raises:
+        ProblemError: 403 when the key lacks it.
+    """
+
+    def check(caller: Annotated[Caller, Depends(get_caller)]) -> Caller:
+        if not caller.may(scope):
+            raise ProblemError(403, "scope_missing", f"the API key lacks the scope {scope.value}")
+        return caller
+
+    return check

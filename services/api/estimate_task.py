@@ -1,0 +1,70 @@
+"""The estimate itself, as it runs in the inference process."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from services.jobs.task import Report
+from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    from trainer.predict import Estimator
+
+
+def estimate_pictures(
+    document: str, pictures: Mapping[str, bytes], density: float, model: Path | None, *, report: Report
+) -> dict[str, Any]:
+    """Estimate the one fabric of a capture set that came over the wire.
+
+    Args:
+        document: its ``captures.json``.
+        pictures: depth pictures by file name.
+        density: of the fabric [kg/m²].
+        model: folder of the estimator; None for the one that ships with the package.
+        report: not needed, an estimate takes a second.
+
+    Returns:
+        The fields of :class:`trainer.predict.Estimate` as JSON.
+
+    Raises:
+        InputError: pictures that show no cloth, do not fit the camera, or cannot be registered.
+        MissingResourceError: there is no model.
+    """
+    from capture.capture_set import CaptureSet
+    from capture.prepare import prepare
+
+    estimator = _load(model)
+    with tempfile.TemporaryDirectory(prefix="drapemeter-estimate-") as folder:
+        for name, content in pictures.items():
+            (Path(folder) / name).write_bytes(content)
+        (Path(folder) / "captures.json").write_text(document, encoding="utf-8")
+        inputs: dict[Any, list[Any]] = {}
+        try:
+            for capture in CaptureSet.load(folder, read_pictures=False).captures:
+                inputs.setdefault(capture.scene, []).append(prepare(capture).network_input)
+        except InputError as error:
+            # The caller knows names of fields, not of our folders.
+            raise InputError(str(error).replace(f"{folder}/", ""), code=error.code) from None
+    found = estimator.estimate(inputs, density)
+    return {
+        "parameters": found.parameters,
+        "intervals_90": {name: list(ends) for name, ends in found.intervals_90.items()},
+        "out_of_distribution": found.out_of_distribution,
+        "out_of_distribution_score": found.out_of_distribution_score,
+        "scenes": list(found.scenes),
+        "model_version": found.model_version,
+    }
+
+
+@lru_cache(maxsize=1)
+def _load(model: Path | None) -> Estimator:
+    import torch
+
+    from trainer.predict import Estimator
+
+    torch.set_num_threads(1)  # the other cores are the jobs'
+    return Estimator.load(model)

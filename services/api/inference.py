@@ -1,0 +1,104 @@
+"""Estimates in a process of their own: bounded, timed, replaced when it hangs or crashes."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from services.jobs.child import ChildProcess
+from services.jobs.task import Call, Crashed, Done, Progress, Refused
+from simcore.errors import DrapemeterError, InputError, MissingResourceError
+
+POLL_S = 0.2
+
+
+class InferenceBusyError(DrapemeterError):
+    """Too many wait already; ``retry_after_s`` is a fair time to come back."""
+
+    code = "estimates_saturated"
+
+    def __init__(self, retry_after_s: int) -> None:
+        super().__init__("too many estimates are waiting: try again later")
+        self.retry_after_s = retry_after_s
+
+
+class InferenceTimeoutError(DrapemeterError):
+    """The estimate took too long and was stopped."""
+
+    code = "estimate_timed_out"
+
+
+class Inference:
+    """One spawned process that computes one estimate at a time, and a short queue before it.
+
+    Args:
+        queue: how many may be under way or waiting.
+        timeout_s: how long one may compute.
+    """
+
+    def __init__(self, *, queue: int, timeout_s: float) -> None:
+        self._queue = queue
+        self._timeout_s = timeout_s
+        self._under_way = 0
+        self._seconds = 1.0
+        self._closing = False
+        self._child = ChildProcess("drapemeter-inference", recycle_after=10_000)
+        # One thread waits on the process's pipe; it computes nothing, and its own queue keeps the order.
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="inference-wait")
+
+    async def run(self, call: Call) -> Any:
+        """Compute in the process.
+
+        Raises:
+            InferenceBusyError: the queue is full.
+            InferenceTimeoutError: it took too long.
+            InputError: the input cannot be used.
+            DrapemeterError: another failure.
+        """
+        if self._under_way >= self._queue:
+            raise InferenceBusyError(max(1, round(self._seconds * self._under_way)))
+        self._under_way += 1
+        future = asyncio.get_running_loop().run_in_executor(self._thread, self._compute, call)
+        # Counted down when the work ends, not when a caller gives up: the process is busy until then.
+        future.add_done_callback(self._ended)
+        return await asyncio.shield(future)
+
+    def close(self) -> None:
+        """End the process."""
+        self._closing = True
+        self._thread.shutdown(wait=True, cancel_futures=True)
+        self._child.stop()
+
+    def _ended(self, future: asyncio.Future[Any]) -> None:
+        self._under_way -= 1
+        if not future.cancelled():
+            future.exception()  # whoever waits gets it; when nobody does, it is no news
+
+    def _compute(self, call: Call) -> Any:
+        started = time.monotonic()
+        self._child.start(call)
+        while True:
+            event = self._child.poll(POLL_S)
+            waited = time.monotonic() - started
+            match event:
+                case None | Progress():
+                    if self._closing:
+                        raise MissingResourceError("the server is shutting down: try again", code="shutting_down")
+                    if waited > self._timeout_s:
+                        self._child.stop()
+                        raise InferenceTimeoutError(
+                            f"the estimate took more than {self._timeout_s:g} s and was stopped"
+                        )
+                case Done(value):
+                    self._seconds = 0.8 * self._seconds + 0.2 * waited
+                    return value
+                case Refused(code, detail, True):
+                    raise InputError(detail, code=code)
+                case Refused(code, detail, False):
+                    raise MissingResourceError(detail, code=code)
+                case Crashed(reason):
+                    raise DrapemeterError(
+                        f"the inference process {reason}; see the server's log", code="internal_error"
+                    )

@@ -1,0 +1,63 @@
+"""`/v1/diagnoses`: where simulation and captures part, and why."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, File, Form, UploadFile
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import JSONResponse
+
+from capture.documents import CaptureSetDocument, parse_document
+from services.api.auth import Caller, require
+from services.api.documented import accepted, problems
+from services.api.idempotency import IdempotencyKey
+from services.api.scopes import ApiScope
+from services.api.state import ServiceState, get_state
+from services.api.submit import submit_job
+from services.api.views import JobView
+from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, names_in, read_captures_json
+from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs
+from services.jobs.queue import FileContent
+from services.settings import Settings
+from simcore.errors import InputError
+
+router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
+
+
+@router.post(
+    "",
+    status_code=202,
+    response_model=JobView,
+    responses={**accepted("Queued"), **problems(413, 429)},
+    summary="Diagnose a capture set",
+)
+async def create_diagnosis(
+    state: Annotated[ServiceState, Depends(get_state)],
+    caller: Annotated[Caller, Depends(require(ApiScope.DIAGNOSES_WRITE))],
+    capture_set: Annotated[UploadFile, File(description="ZIP of `captures.json` and its PNG files.")],
+    seed: Annotated[int, Form(ge=0, le=2**31 - 1)] = 0,
+    idempotency_key: IdempotencyKey = None,
+) -> JSONResponse:
+    """Simulates for minutes: poll the job. Its `result` is the gap report, `report.html` is among its files.
+
+    Scope `diagnoses:write`.
+    """
+    content = await capture_set.read()
+    await run_in_threadpool(_check, content, state.settings)
+    inputs = DiagnosisInputs(seed=seed, most_bytes=state.settings.max_unpacked_bytes)
+    file = FileContent(ARCHIVE_NAME, "application/zip", content)
+    return await run_in_threadpool(
+        submit_job, state, caller, idempotency_key, "diagnosis", inputs.model_dump(mode="json"), files=(file,)
+    )
+
+
+def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
+    """Everything that can be known without decoding a picture."""
+    limits = ArchiveLimits(settings.max_unpacked_bytes)
+    document = parse_document(read_captures_json(content, limits), CAPTURES_FILE)
+    names = names_in(content, limits)
+    missing = [capture.depth for capture in document.captures if capture.depth.removeprefix("./") not in names]
+    if missing:
+        raise InputError(f"the archive lacks {missing[0]}, which {CAPTURES_FILE} names", code="depth_missing")
+    return document

@@ -1,0 +1,38 @@
+"""What an API key may do."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from simcore.errors import InputError
+
+
+class ApiScope(StrEnum):
+    """One permission."""
+
+    ESTIMATES_WRITE = "estimates:write"
+    DISTANCES_WRITE = "distances:write"
+    FABRICS_READ = "fabrics:read"
+    FABRICS_WRITE = "fabrics:write"
+    DIAGNOSES_WRITE = "diagnoses:write"
+    DATASETS_WRITE = "datasets:write"
+    JOBS_READ = "jobs:read"
+    JOBS_WRITE = "jobs:write"
+    METRICS_READ = "metrics:read"
+
+
+def parse_scopes(text: str) -> tuple[ApiScope, ...]:
+    """Scopes from a comma-separated list; ``*`` is all of them.
+
+    Raises:
+        InputError: an unknown scope, or none.
+    """
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if names == ["*"]:
+        return tuple(ApiScope)
+    known = {scope.value for scope in ApiScope}
+    unknown = sorted(set(names) - known)
+    if unknown or not names:
+        what = f"unknown scope {unknown[0]!r}" if unknown else "no scope given"
+        raise InputError(f"{what}: choose from {', '.join(sorted(known))}, or * for all", code="scope_unknown")
+    return tuple(scope for scope in ApiScope if scope.value in names)

@@ -1,0 +1,46 @@
+"""Turning a request into a job and 202."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from fastapi.responses import JSONResponse
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from services.api.auth import Caller
+from services.api.idempotency import Answer, Once, fingerprint
+from services.api.problems import ProblemError
+from services.api.state import ServiceState
+from services.api.views import job_headers, view_job
+from services.db.jobs import Job, JobStatus
+from services.jobs.queue import FileContent, enqueue
+
+
+def submit_job(
+    state: ServiceState,
+    caller: Caller,
+    key: str | None,
+    kind: str,
+    inputs: dict[str, Any],
+    *,
+    files: Sequence[FileContent] = (),
+) -> JSONResponse:
+    """Queue a job once under its Idempotency-Key.
+
+    Raises:
+        ProblemError: 422 when the key was used for another request, 429 when too many jobs wait.
+    """
+    content = {"inputs": inputs, "files": {file.name: file.content for file in files}}
+    once = Once(state.database, caller, key, fingerprint(f"job {kind}", content))
+
+    def make(session: Session) -> Answer:
+        waiting = session.scalar(select(func.count()).select_from(Job).where(Job.status == JobStatus.QUEUED)) or 0
+        if waiting >= state.settings.job_queue:
+            detail = f"{waiting} jobs are waiting already: try again when some have ended"
+            raise ProblemError(429, "jobs_saturated", detail, {"Retry-After": "60"})
+        job = enqueue(session, kind, inputs, files=files, owner=caller.key_id)
+        return Answer(202, view_job(session, job).model_dump(mode="json"), job_headers(job))
+
+    return once.answer(make)

@@ -1,0 +1,122 @@
+"""Opening the database: one engine a process, short read and write transactions."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, text
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError
+from sqlalchemy.orm import Session
+
+from simcore.errors import InputError, MissingResourceError
+
+BUSY_TIMEOUT_S = 30
+"""How long a SQLite writer waits for another process's transaction."""
+
+
+def parse_url(text_url: str) -> URL:
+    """A database URL with our driver in it.
+
+    ``postgres://`` and ``postgresql://`` take psycopg; a SQLite URL must name a file, as several processes share it.
+
+    Raises:
+        InputError: no such form, or a database that this project does not run on.
+    """
+    try:
+        url = make_url(text_url)
+    except ArgumentError:
+        raise InputError(
+            "the database URL cannot be read: give sqlite:///drapemeter.db or postgresql://user:password@host/name",
+            code="database_url",
+        ) from None
+    if url.drivername in {"postgres", "postgresql"}:
+        url = url.set(drivername="postgresql+psycopg")
+    if url.get_backend_name() not in {"sqlite", "postgresql"}:
+        raise InputError(
+            f"database {url.get_backend_name()!r} is not supported: use SQLite or PostgreSQL", code="database_url"
+        )
+    if url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}:
+        raise InputError(
+            "an in-memory SQLite database cannot be shared with the job workers: give sqlite:///drapemeter.db",
+            code="database_url",
+        )
+    return url
+
+
+class Database:
+    """A database and its transactions; safe to share between threads, never between processes.
+
+    Attributes:
+        url: where it is, password included.
+        engine: SQLAlchemy's engine; the tables come by :mod:`services.db.migrate`.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = parse_url(url)
+        self.engine = _sqlite_engine(self.url) if self.is_sqlite else create_engine(self.url, pool_pre_ping=True)
+        self._write_engine = self.engine.execution_options(write=True)
+
+    @property
+    def is_sqlite(self) -> bool:
+        """Whether this is the embedded default."""
+        return self.url.get_backend_name() == "sqlite"
+
+    @property
+    def public_url(self) -> str:
+        """For logs: the password hidden."""
+        return self.url.render_as_string(hide_password=True)
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """A session that only reads; objects stay usable after it."""
+        with Session(self.engine, expire_on_commit=False) as session:
+            yield session
+
+    @contextmanager
+    def write(self) -> Iterator[Session]:
+        """A session whose changes are committed at the end, or undone by an exception."""
+        with Session(self._write_engine, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    def ping(self) -> None:
+        """Ask for an answer.
+
+        Raises:
+            MissingResourceError: nobody answers.
+        """
+        try:
+            with self.engine.connect() as connection:
+                connection.execute(text("SELECT 1"))
+        except DBAPIError as error:
+            reason = str(error.orig).strip().splitlines()[0] if error.orig else "no reason given"
+            raise MissingResourceError(
+                f"the database {self.public_url} cannot be reached ({reason}): check that it runs and the URL is right",
+                code="database_unreachable",
+            ) from None
+
+    def close(self) -> None:
+        """Close the pooled connections."""
+        self.engine.dispose()
+
+
+def _sqlite_engine(url: URL) -> Engine:
+    """SQLite for several processes: write-ahead log, patience, explicit transactions."""
+    engine = create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_S})
+
+    @event.listens_for(engine, "connect")
+    def configure(connection: sqlite3.Connection, _record: Any) -> None:
+        connection.isolation_level = None  # the driver begins nothing by itself
+        for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        # A writer takes the lock at once: a read that turns into a write may fail without waiting.
+        write = connection.get_execution_options().get("write", False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
+
+    return engine

@@ -1,0 +1,155 @@
+"""Capture sets as ZIP archives: checked and unpacked without trusting what they say of themselves."""
+
+from __future__ import annotations
+
+import io
+import stat
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from simcore.errors import InputError
+
+CAPTURES_FILE = "captures.json"
+MOST_ENTRIES = 5000
+MOST_JSON_BYTES = 8 * 1024 * 1024
+SUFFIXES = frozenset({".json", ".png"})
+BLOCK = 256 * 1024
+
+
+@dataclass(frozen=True)
+class ArchiveLimits:
+    """How much an archive may hold, unpacked."""
+
+    most_bytes: int
+
+
+@dataclass(frozen=True)
+class _Entry:
+    info: zipfile.ZipInfo
+    name: str
+
+
+def read_captures_json(content: bytes, limits: ArchiveLimits) -> str:
+    """Check an archive's table of contents and return its ``captures.json``.
+
+    Raises:
+        InputError: no usable archive; see :func:`unpack`.
+    """
+    with _open(content) as archive:
+        entries = _entries(archive, limits)
+        entry = next(e for e in entries if e.name == CAPTURES_FILE)
+        data = b"".join(_blocks(archive, entry, MOST_JSON_BYTES))
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        raise InputError(f"{CAPTURES_FILE} in the archive is not UTF-8 text", code="file_unreadable") from None
+
+
+def names_in(content: bytes, limits: ArchiveLimits) -> frozenset[str]:
+    """Names of the files in an archive, relative to the folder of ``captures.json``.
+
+    Raises:
+        InputError: no usable archive; see :func:`unpack`.
+    """
+    with _open(content) as archive:
+        return frozenset(entry.name for entry in _entries(archive, limits))
+
+
+def unpack(content: bytes, folder: Path, limits: ArchiveLimits) -> None:
+    """Unpack ``captures.json`` and the PNG files beside it; they may lie in one folder inside the archive.
+
+    Nothing is written outside ``folder``, and never more than the limits, whatever the archive says of itself.
+
+    Args:
+        content: the archive.
+        folder: exists and is empty.
+        limits: how much it may hold.
+
+    Raises:
+        InputError: no ZIP or a damaged one, encrypted or linked entries, other kinds of files, paths that lead out, or
+            too much.
+    """
+    with _open(content) as archive:
+        room = limits.most_bytes
+        for entry in _entries(archive, limits):
+            target = folder.joinpath(*PurePosixPath(entry.name).parts)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with target.open("xb") as stream:
+                for block in _blocks(archive, entry, room):
+                    room -= len(block)
+                    stream.write(block)
+
+
+def _open(content: bytes) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(io.BytesIO(content))
+    except zipfile.BadZipFile:
+        raise InputError(
+            "the capture set is not a ZIP archive: send captures.json and its PNG files as one ZIP",
+            code="archive_not_zip",
+        ) from None
+
+
+def _entries(archive: zipfile.ZipFile, limits: ArchiveLimits) -> list[_Entry]:
+    infos = [info for info in archive.infolist() if not info.is_dir()]
+    if len(infos) > MOST_ENTRIES:
+        raise InputError(
+            f"the archive has {len(infos)} files: at most {MOST_ENTRIES} are taken", code="archive_too_large"
+        )
+    for info in infos:
+        _refuse_unsafe(info)
+    if sum(info.file_size for info in infos) > limits.most_bytes:
+        raise _too_large(limits.most_bytes)
+    root = _root(infos)
+    entries = [
+        _Entry(info, PurePosixPath(info.filename).relative_to(root).as_posix())
+        for info in infos
+        if PurePosixPath(info.filename).is_relative_to(root)
+    ]
+    if len({entry.name for entry in entries}) != len(entries):
+        raise InputError("the archive has two files of the same name", code="archive_unsafe")
+    return [e for e in entries if PurePosixPath(e.name).suffix.lower() in SUFFIXES]
+
+
+def _refuse_unsafe(info: zipfile.ZipInfo) -> None:
+    path = PurePosixPath(info.filename)
+    kind = stat.S_IFMT(info.external_attr >> 16)
+    unsafe = path.is_absolute() or ".." in path.parts or "\\" in info.filename or ":" in info.filename
+    if unsafe or "\0" in info.orig_filename or kind not in {0, stat.S_IFREG} or not path.parts:
+        raise InputError("the archive holds a link or a path that leads out of it", code="archive_unsafe")
+    if info.flag_bits & 0x1:
+        raise InputError("the archive is encrypted: send it without a password", code="archive_encrypted")
+
+
+def _root(infos: list[zipfile.ZipInfo]) -> PurePosixPath:
+    """Folder of the only ``captures.json``, at most one deep."""
+    found = [
+        PurePosixPath(info.filename).parent for info in infos if PurePosixPath(info.filename).name == CAPTURES_FILE
+    ]
+    shallow = [folder for folder in found if len(folder.parts) <= 1]
+    if len(shallow) != 1:
+        raise InputError(
+            f"the archive needs exactly one {CAPTURES_FILE}, at its top or in one folder", code="captures_json_missing"
+        )
+    return shallow[0]
+
+
+def _blocks(archive: zipfile.ZipFile, entry: _Entry, room: int) -> list[bytes]:
+    blocks: list[bytes] = []
+    size = 0
+    try:
+        with archive.open(entry.info) as stream:
+            while block := stream.read(BLOCK):
+                size += len(block)
+                if size > room:
+                    raise _too_large(room)
+                blocks.append(block)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, OSError) as error:
+        raise InputError(f"{entry.name} in the archive is damaged ({error})", code="archive_damaged") from None
+    return blocks
+
+
+def _too_large(limit: int) -> InputError:
+    return InputError(f"the archive unpacks to more than {limit} bytes: send fewer captures", code="archive_too_large")

@@ -1,0 +1,134 @@
+"""A spawned process that does heavy work and can be stopped at any moment.
+
+Simulators and networks compile once in a process, must not share one with the web server, and may crash it; so they
+live here. The process is kept between calls and replaced after a crash, a stop, or a number of calls.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import sys
+import threading
+import time
+from types import FrameType
+
+from services.jobs.task import Call, Crashed, Done, Event, Progress, Refused, Throttle
+from simcore.errors import DrapemeterError, InputError
+
+STOP_GRACE_S = 10.0
+"""Time between asking a process to end and killing it."""
+
+
+class ChildProcess:
+    """A :class:`~services.jobs.task.Runner` on this machine. Not thread-safe.
+
+    Args:
+        name: for process lists.
+        recycle_after: calls after which the process is replaced, which bounds what a leak can take.
+    """
+
+    def __init__(self, name: str, *, recycle_after: int = 100) -> None:
+        self._name = name
+        self._recycle_after = recycle_after
+        self._calls = 0
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._connection: multiprocessing.connection.Connection | None = None
+
+    def start(self, call: Call) -> None:
+        """Begin a call, in a new process where there is none or the old one is worn out."""
+        if self._process is not None and (self._calls >= self._recycle_after or not self._process.is_alive()):
+            self.stop()
+        if self._process is None:
+            self._launch()
+        self._calls += 1
+        assert self._connection is not None
+        with contextlib.suppress(BrokenPipeError):  # it has just died: poll() says so
+            self._connection.send(call)
+
+    def poll(self, timeout_s: float) -> Event | None:
+        """The next event of the running call."""
+        process, connection = self._process, self._connection
+        if process is None or connection is None:
+            raise RuntimeError("poll() without start()")
+        try:
+            if not connection.poll(timeout_s):
+                return None
+            event: Event = connection.recv()
+        except (EOFError, ConnectionResetError):
+            return self._bury(process)
+        return event
+
+    def stop(self) -> None:
+        """End the process: politely first, so that it can clean up, then for certain."""
+        process, connection = self._process, self._connection
+        self._process = self._connection = None
+        if process is None:
+            return
+        process.terminate()
+        process.join(STOP_GRACE_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+        if connection is not None:
+            connection.close()
+        process.close()
+
+    def _launch(self) -> None:
+        spawn = multiprocessing.get_context("spawn")
+        ours, theirs = spawn.Pipe()
+        process = spawn.Process(target=serve_calls, args=(theirs,), name=self._name)
+        process.start()
+        theirs.close()
+        self._process, self._connection, self._calls = process, ours, 0
+
+    def _bury(self, process: multiprocessing.process.BaseProcess) -> Crashed:
+        process.join(STOP_GRACE_S)
+        code = process.exitcode
+        self.stop()
+        if code is not None and code < 0:
+            return Crashed(f"ended by {signal.Signals(-code).name}", again=True)
+        # An exception that nobody foresaw: its traceback is in the log, and it would come again.
+        return Crashed(f"ended with exit status {code}", again=False)
+
+
+def serve_calls(connection: multiprocessing.connection.Connection) -> None:
+    """Body of the child: one call after another on the main thread, until the parent hangs up."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the server's to handle
+    signal.signal(signal.SIGTERM, _leave)
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    lock, throttle = threading.Lock(), Throttle()
+
+    def send(event: Event) -> None:
+        with lock:
+            connection.send(event)
+
+    def report(fraction: float, message: str = "") -> None:
+        if throttle.ready(time.monotonic()):
+            send(Progress(fraction, message))
+
+    while True:
+        try:
+            call: Call = connection.recv()
+        except EOFError:
+            return
+        try:
+            value = call.function(*call.arguments, report=report)
+        except DrapemeterError as error:
+            send(Refused(error.code, str(error), isinstance(error, InputError)))
+        else:
+            send(Done(value))
+
+
+def _leave(_signal: int, _frame: FrameType | None) -> None:
+    sys.exit(128 + signal.SIGTERM)
+
+
+def _die_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,1 @@
+"""One small module a kind of job: its inputs, checked before it is queued, and ``run``, which does it."""

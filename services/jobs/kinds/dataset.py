@@ -1,0 +1,78 @@
+"""Job ``dataset``: a sweep of fabrics, scenes and repeats into a store."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import ConfigDict, Field
+
+from services.jobs.task import Report, Task, TaskOutput
+from services.schemas import Strict
+
+if TYPE_CHECKING:
+    from services.dataset.configuration import SweepConfiguration
+    from services.dataset.fabrics import FabricTable
+
+
+class DatasetInputs(Strict):
+    """What to sweep; as the options of ``drapemeter dataset``."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"materials": 4, "jitters": 1, "resolution_m": 0.02}]})
+
+    materials: int = Field(ge=1, le=1_000_000, description="Fabrics.")
+    jitters: int = Field(default=1, ge=1, le=1000, description="Repeats of each fabric in each scene.")
+    inclinations: int = Field(default=11, ge=1, le=101, description="Pictures of each drape, evenly over ±5 degrees.")
+    scenes: tuple[Literal["hanging", "stretch"], ...] = Field(
+        default=("hanging", "stretch"), min_length=1, max_length=2
+    )
+    design: Literal["sobol", "random", "grid"] = Field(default="sobol", description="How fabrics are chosen.")
+    resolution_m: float = Field(default=0.01, ge=0.002, le=0.05, description="Edge of a mesh cell [m].")
+    seed: int = Field(default=0, ge=0, le=2**31 - 1)
+
+    def check(self) -> None:
+        """What can be known to fail before anything is simulated.
+
+        Raises:
+            InputError: for instance a resolution that does not cut the sample into whole cells.
+        """
+        self.plan()
+
+    def plan(self) -> tuple[SweepConfiguration, FabricTable]:
+        """The same for :mod:`services.dataset`."""
+        from services.dataset.fabrics import plan_sweep
+
+        return plan_sweep(
+            design=self.design,
+            materials=self.materials,
+            jitters=self.jitters,
+            inclinations=self.inclinations,
+            scenes=self.scenes,
+            resolution_m=self.resolution_m,
+            seed=self.seed,
+        )
+
+
+def run(task: Task, report: Report) -> TaskOutput:
+    """Sweep, or go on with what an earlier attempt of this job left.
+
+    Raises:
+        DrapemeterError: the store's place fails.
+    """
+    from services.dataset.sweep import run_sweep
+    from services.jobs.kinds.common import counting
+
+    configuration, fabrics = DatasetInputs.model_validate(task.inputs).plan()
+    store = f"{task.resources.dataset_root.rstrip('/')}/{task.job_id}.zarr"
+    total = configuration.materials * len(configuration.scenes) * configuration.jitters
+    advance = counting(report, total, "simulations")
+    summary = run_sweep(
+        store,
+        configuration,
+        fabrics,
+        resume=True,
+        address=task.resources.ray_address,
+        listen=lambda _word: advance(),
+    )
+    return TaskOutput(
+        {"store": store, "samples": summary.samples, "failed": summary.failed, "seconds": summary.seconds}
+    )

@@ -1,0 +1,58 @@
+"""Job ``drape_distance``: how alike two fabrics drape."""
+
+from __future__ import annotations
+
+from pydantic import ConfigDict, Field
+
+from services.jobs.kinds.common import SimulationInputs, counting, simulation_runner
+from services.jobs.task import Report, Task, TaskOutput
+from services.schemas import EXAMPLE_PARAMETERS, EXAMPLE_STIFF, Parameters
+
+
+class DrapeDistanceInputs(SimulationInputs):
+    """Two fabrics to compare."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"a": EXAMPLE_PARAMETERS, "b": EXAMPLE_STIFF, "simulations": 5, "backend": "depth"}]
+        }
+    )
+
+    a: Parameters = Field(description="One fabric.")
+    b: Parameters = Field(description="The other.")
+
+
+def run(task: Task, report: Report) -> TaskOutput:
+    """Simulate both fabrics and compare their pictures.
+
+    Raises:
+        DrapemeterError: unknown back end, weights missing, or a simulation that does not come to rest.
+    """
+    from metric.backends import get_backend
+    from metric.compare import compare_fabrics
+    from services.jobs.caches import feature_cache, render_cache
+
+    inputs = DrapeDistanceInputs.model_validate(task.inputs)
+    backend = get_backend(inputs.backend)
+    comparison = compare_fabrics(
+        inputs.a.to_fabric(),
+        inputs.b.to_fabric(),
+        backend,
+        inputs.plan(),
+        runner=simulation_runner(task.resources),
+        renders=render_cache(),
+        features=feature_cache(),
+        on_done=counting(report, 4 * inputs.simulations, "simulations"),
+    )
+    found = comparison.result
+    return TaskOutput(
+        {
+            "distance": found.distance,
+            "standard_error": found.standard_error,
+            "scenes": {scene.value: value for scene, value in found.scenes.items()},
+            "simulations": inputs.simulations,
+            "backend": found.backend,
+            "unit": found.unit,
+            "simulated_again": len(comparison.retries),
+        }
+    )

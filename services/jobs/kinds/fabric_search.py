@@ -1,0 +1,82 @@
+"""Job ``fabric_search``: the fabrics of the library that drape most like a reference."""
+
+from __future__ import annotations
+
+from pydantic import ConfigDict, Field
+
+from services.jobs.kinds.common import SimulationInputs, counting, simulation_runner
+from services.jobs.task import Report, Task, TaskOutput
+from services.schemas import EXAMPLE_PARAMETERS, Parameters
+from simcore.errors import InputError
+
+
+class FabricSearchInputs(SimulationInputs):
+    """What to look for: a fabric of the library, or seven parameters."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"reference": EXAMPLE_PARAMETERS, "limit": 5, "backend": "depth"}]}
+    )
+
+    reference: Parameters | None = Field(default=None, description="Parameters to look for.")
+    fabric_id: str | None = Field(default=None, max_length=48, description="Or a fabric of the library.")
+    limit: int = Field(default=10, ge=1, le=200, description="How many to return.")
+
+    def check(self) -> None:
+        """As for all simulations; exactly one reference is needed.
+
+        Raises:
+            InputError: none or both.
+        """
+        super().check()
+        if (self.reference is None) == (self.fabric_id is None):
+            raise InputError("give either reference or fabric_id", code="reference_missing")
+
+
+def run(task: Task, report: Report) -> TaskOutput:
+    """Simulate what is not cached, and rank.
+
+    Raises:
+        DrapemeterError: an empty library, unknown back end, weights missing, or a simulation that is not still.
+    """
+    from metric.backends import get_backend
+    from metric.library import parse_library
+    from metric.search import rank_library
+    from services.jobs.caches import feature_cache, render_cache
+
+    rows = task.inputs["library"]
+    inputs = FabricSearchInputs.model_validate({k: v for k, v in task.inputs.items() if k != "library"})
+    names = {row["id"]: row["name"] for row in rows}
+    library = parse_library(rows, "the fabric library")
+    if inputs.reference is not None:
+        reference = inputs.reference.to_fabric()
+    else:
+        found = [entry for entry in library if entry.id == inputs.fabric_id]
+        if not found:
+            raise InputError(f"no fabric {inputs.fabric_id!r} in the library", code="fabric_unknown")
+        reference = found[0].parameters
+        library = [entry for entry in library if entry.id != inputs.fabric_id]
+        if not library:
+            raise InputError("the library holds no other fabric", code="library_empty")
+    backend = get_backend(inputs.backend)
+    ranking = rank_library(
+        reference,
+        library,
+        backend,
+        inputs.plan(),
+        runner=simulation_runner(task.resources),
+        renders=render_cache(),
+        features=feature_cache(),
+        on_done=counting(report, 2 * inputs.simulations * (1 + len(library)), "simulations"),
+    )
+    return TaskOutput(
+        {
+            "ranking": [
+                {"id": r.id, "name": names[r.id], "distance": r.distance, "standard_error": r.standard_error}
+                for r in ranking[: inputs.limit]
+            ],
+            "searched": len(library),
+            "simulations": inputs.simulations,
+            "backend": backend.name,
+            "unit": backend.unit,
+        }
+    )

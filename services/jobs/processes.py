@@ -1,0 +1,90 @@
+"""Worker processes: their body, and the server's side that keeps them running."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import threading
+import time
+
+import structlog
+
+from services.settings import Settings
+
+RESPAWN_AFTER_S = 1.0
+
+log = structlog.get_logger("drapemeter.serve")
+
+
+def run_worker(settings: Settings) -> None:
+    """Body of a worker process, also of ``drapemeter serve --worker-only``: works until SIGTERM or its parent's end."""
+    from services.db.engine import Database
+    from services.jobs.child import ChildProcess
+    from services.jobs.worker import JobWorker
+    from services.logs import configure_logging
+
+    configure_logging(settings.log_level)
+    stopping = threading.Event()
+    parent = multiprocessing.parent_process()
+    signal.signal(signal.SIGTERM, lambda *_: stopping.set())
+    if parent is None:
+        signal.signal(signal.SIGINT, lambda *_: stopping.set())
+    else:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        threading.Thread(target=_follow, args=(parent, stopping), daemon=True).start()
+    database = Database(settings.database)
+    try:
+        JobWorker(settings, database, ChildProcess("drapemeter-job"), stopping).run()
+    finally:
+        database.close()
+
+
+def _follow(parent: multiprocessing.process.BaseProcess, stopping: threading.Event) -> None:
+    parent.join()
+    stopping.set()
+
+
+class WorkerProcesses:
+    """The workers of one server: started, replaced when they die, ended with it.
+
+    Args:
+        settings: how many, and everything they need.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._spawn = multiprocessing.get_context("spawn")
+        self._processes: list[multiprocessing.process.BaseProcess] = []
+        self._closing = threading.Event()
+        self._watcher = threading.Thread(target=self._watch, name="worker-watch", daemon=True)
+
+    def start(self) -> None:
+        """Start all, and watch over them."""
+        self._processes = [self._launch() for _ in range(self._settings.workers)]
+        self._watcher.start()
+
+    def close(self) -> None:
+        """End them: each gives its job back."""
+        self._closing.set()
+        if self._watcher.is_alive():
+            self._watcher.join()
+        for process in self._processes:
+            process.terminate()
+        deadline = time.monotonic() + self._settings.job_shutdown_grace_s + 10.0
+        for process in self._processes:
+            process.join(max(0.1, deadline - time.monotonic()))
+            if process.is_alive():
+                process.kill()
+                process.join()
+
+    def _launch(self) -> multiprocessing.process.BaseProcess:
+        process = self._spawn.Process(target=run_worker, args=(self._settings,), name="drapemeter-worker")
+        process.start()
+        return process
+
+    def _watch(self) -> None:
+        while not self._closing.wait(RESPAWN_AFTER_S):
+            for index, process in enumerate(self._processes):
+                if not process.is_alive():
+                    log.error("worker_died", pid=process.pid, exit_code=process.exitcode)
+                    self._processes[index] = self._launch()

@@ -1,0 +1,78 @@
+"""Settings of the service: environment variables ``DRAPEMETER_*``, which options of ``drapemeter serve`` override."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from simcore.errors import InputError
+
+MIB = 1024 * 1024
+WEAK_PASSWORDS = frozenset({"", "changeme", "drapemeter", "example", "password", "postgres", "secret", "test"})
+
+
+class Settings(BaseSettings):
+    """What the server and its workers need to know; see ``docs/api.md``."""
+
+    model_config = SettingsConfigDict(env_prefix="DRAPEMETER_", extra="ignore", frozen=True)
+
+    environment: Literal["development", "production"] = "development"
+    host: str = "127.0.0.1"
+    port: int = Field(default=8000, ge=0, le=65535)
+    database: str = "sqlite:///drapemeter.db"
+    model: Path | None = Field(default=None, description="Folder of the trained estimator.")
+    dataset_root: str = Field(default="datasets", description="Folder or s3:// URL under which dataset jobs write.")
+    log_level: Literal["debug", "info", "warning", "error"] = "info"
+
+    max_request_bytes: int = Field(default=64 * MIB, ge=1024)
+    max_unpacked_bytes: int = Field(default=512 * MIB, ge=1024)
+    max_picture_pixels: int = Field(default=4096 * 4096, ge=64 * 64)
+
+    estimate_timeout_s: float = Field(default=60.0, gt=0)
+    estimate_queue: int = Field(default=8, ge=1, description="Estimates that may wait; more are refused with 503.")
+
+    workers: int = Field(default=1, ge=0, le=64, description="Job worker processes started by the server.")
+    ray_address: str | None = Field(default=None, description="Ray cluster that runs the jobs; none: this machine.")
+    job_queue: int = Field(default=1000, ge=1, description="Jobs that may wait; more are refused with 429.")
+    job_lease_s: float = Field(default=20.0, gt=0.2, description="A worker silent for so long has lost its job.")
+    job_attempts: int = Field(default=3, ge=1)
+    job_shutdown_grace_s: float = Field(default=5.0, ge=0)
+    job_retention_days: float = Field(default=30.0, gt=0)
+    idempotency_hours: float = Field(default=24.0, gt=0)
+
+    @property
+    def on_loopback(self) -> bool:
+        """Only programs on this machine can reach the server."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def guarded(self) -> bool:
+        """API keys are needed whether or not one exists yet."""
+        return not self.on_loopback or self.environment == "production"
+
+    def require_safe(self) -> None:
+        """Check before serving others.
+
+        Raises:
+            InputError: the database's password is empty or a well-known one while the server is open to others.
+        """
+        from services.db.engine import parse_url
+
+        url = parse_url(self.database)
+        if not self.guarded or url.get_backend_name() == "sqlite":
+            return
+        local_socket = not url.host and "password" not in url.query
+        if not local_socket and str(url.password or "").lower() in WEAK_PASSWORDS:
+            raise InputError(
+                "the database password is empty or a well-known default: set a random one before serving others",
+                code="default_secret",
+            )
