@@ -123,14 +123,19 @@ class Store:
         return self.column("reason")
 
     @cached_property
+    def checksums(self) -> NDArray[np.uint8]:
+        """SHA-256 of each shard's objects, zeros while it is unfinished, uint8, shape [shards, 32]."""
+        return self.column("checksum")
+
+    @cached_property
     def complete(self) -> NDArray[np.bool_]:
         """Which shards are finished, bool, shape [shards]."""
-        return np.asarray(self.column("checksum").any(axis=1))
+        return np.asarray(self.checksums.any(axis=1))
 
     def column(self, name: str) -> NDArray[Any]:
         """A whole array of the contract by name; mind the size of ``depth`` and ``drapes/vertices``."""
         with store_errors(self.url):
-            return np.asarray(self._array(name)[:])
+            return np.asarray(self.array(name)[:])
 
     def depth(self, sample: int) -> NDArray[np.float32]:
         """Depth picture of a sample [m], float32, shape [height, width], 0 = no data.
@@ -141,18 +146,18 @@ class Store:
         if not 0 <= sample < len(self):
             raise IndexError(f"sample {sample} is not one of {len(self)}")
         with store_errors(self.url):
-            return dequantise_depth(np.asarray(self._array("depth")[sample]))
+            return dequantise_depth(np.asarray(self.array("depth")[sample]))
 
     def depth_counts(self, shard: int) -> NDArray[np.uint16]:
         """All depth pictures of a shard, 0.1 mm counts, uint16, shape [rows, height, width]."""
         rows = self.rows(shard)
         with store_errors(self.url):
-            return np.asarray(self._array("depth")[rows.start : rows.stop])
+            return np.asarray(self.array("depth")[rows.start : rows.stop])
 
     def vertices(self, simulation: int) -> NDArray[np.float32]:
         """Drape of a simulation [m], panel frame, float32, shape [vertex_count, 3]."""
         with store_errors(self.url):
-            return np.asarray(self._array("drapes/vertices")[simulation])
+            return np.asarray(self.array("drapes/vertices")[simulation])
 
     def read_shard(self, shard: int) -> ShardRows:
         """Everything of one shard, as it was written."""
@@ -160,7 +165,7 @@ class Store:
         with store_errors(self.url):
             for spec in array_specs(self.layout)[:-1]:
                 where = self.layout.shard_simulations(shard) if spec.per == "simulation" else self.rows(shard)
-                parts[spec.name.removeprefix("drapes/")] = np.asarray(self._array(spec.name)[where.start : where.stop])
+                parts[spec.name.removeprefix("drapes/")] = np.asarray(self.array(spec.name)[where.start : where.stop])
         return ShardRows(**parts)
 
     def stored_bytes(self, shard: int) -> dict[str, bytes | None]:
@@ -176,7 +181,28 @@ class Store:
                 found[key] = None if buffer is None else buffer.to_bytes()
         return found
 
-    def _array(self, name: str) -> Any:
+    def object_sizes(self) -> dict[str, int]:
+        """Bytes that the store's objects take, by array name (metadata is left out)."""
+        import asyncio
+
+        async def total() -> dict[str, int]:
+            sizes: dict[str, int] = {}
+            async for key in self._group.store.list():
+                name, _, part = key.partition("/c/")
+                if part:
+                    sizes[name] = sizes.get(name, 0) + await self._group.store.getsize(key)
+            return sizes
+
+        with store_errors(self.url):
+            return asyncio.run(total())
+
+    def array(self, name: str) -> Any:
+        """The Zarr array of that name.
+
+        Raises:
+            KeyError: there is none.
+        """
         if name not in self._arrays:
-            self._arrays[name] = self._group[name]
+            with store_errors(self.url):
+                self._arrays[name] = self._group[name]
         return self._arrays[name]

@@ -1,0 +1,188 @@
+"""`drapemeter dataset`: sweep fabrics, scenes and repeats into a store, and look after stores."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from services.cli import console
+from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    from services.dataset.configuration import SweepConfiguration
+    from services.dataset.fabrics import FabricTable
+
+JSON_OPTION = typer.Option(False, "--json", help="One JSON document on standard output.")
+STORE_ARGUMENT = typer.Argument(help="Local folder, s3://bucket/prefix or any URL that obstore takes.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command and its subcommands."""
+    group = typer.Typer(rich_markup_mode=None, context_settings={"help_option_names": ["-h", "--help"]})
+    group.callback(invoke_without_command=True)(dataset)
+    group.command("inspect")(inspect)
+    group.command("validate")(validate)
+    app.add_typer(group, name="dataset")
+
+
+def dataset(
+    context: typer.Context,
+    materials: int | None = typer.Option(None, "--materials", min=1, help="Number of fabrics."),
+    jitters: int = typer.Option(2, "--jitters", min=1, help="Repeats of each fabric and scene."),
+    out: str | None = typer.Option(None, "--out", help="Store: local folder, s3://... or any URL of obstore."),
+    resolution: float = typer.Option(0.01, "--resolution", help="Edge of a mesh cell [m]; must divide 0.5 m."),
+    scenes: str = typer.Option("hanging,stretch", "--scenes", help="Scenes, separated by commas."),
+    inclinations: int = typer.Option(11, "--inclinations", help="Pictures of each drape, over ±5 degrees."),
+    seed: int = typer.Option(0, "--seed", help="Of everything random: the same seed gives the same store."),
+    design: str = typer.Option("sobol", "--design", help="sobol, random, grid or list."),
+    fabrics: Path | None = typer.Option(None, "--fabrics", help="CSV or JSON file of fabrics (design list)."),
+    ranges: list[str] = typer.Option([], "--range", help="NAME=LOW:HIGH, SI; may be repeated."),
+    time_limit: float = typer.Option(120.0, "--time-limit", help="CPU seconds a simulation may take."),
+    shard_simulations: int = typer.Option(0, "--shard-simulations", help="Simulations of a shard; 0: by size."),
+    address: str | None = typer.Option(
+        None, "--address", help="Running Ray cluster (auto, host:port); else a local one."
+    ),
+    workers: int | None = typer.Option(None, "--workers", min=1, help="Worker processes; default: all CPUs."),
+    resume: bool = typer.Option(False, "--resume", help="Finish a store that was interrupted."),
+    json_output: bool = JSON_OPTION,
+) -> None:
+    """Sweep fabrics, scenes and repeats into a store of depth pictures, on Ray.
+
+    Fabrics are drawn from the distribution of measured ones (scrambled Sobol) unless --design or --fabrics says
+    otherwise. A failed simulation is a row with a status and a reason. An interrupted sweep is finished by the same
+    command with --resume and gives the same store, bit for bit.
+
+    \b
+    Example:
+      drapemeter dataset --materials 200 --jitters 2 --out store.zarr
+      drapemeter dataset inspect store.zarr --figures out/
+    """
+    if context.invoked_subcommand is not None:
+        return
+    if out is None:
+        raise InputError("say where the store shall be: --out store.zarr", code="out_missing")
+    from services.dataset.fabrics import plan_sweep
+
+    configuration, table = plan_sweep(
+        design=design,
+        fabrics=fabrics,
+        materials=materials,
+        jitters=jitters,
+        scenes=tuple(name.strip() for name in scenes.split(",") if name.strip()),
+        inclinations=inclinations,
+        resolution_m=resolution,
+        seed=seed,
+        ranges=parse_ranges(ranges),
+        time_limit_s=time_limit,
+        simulations_per_shard=shard_simulations,
+    )
+    sweep(out, configuration, table, resume=resume, address=address, workers=workers, json_output=json_output)
+
+
+def parse_ranges(texts: list[str]) -> dict[str, tuple[float, float]]:
+    """``NAME=LOW:HIGH`` to numbers.
+
+    Raises:
+        InputError: another form.
+    """
+    ranges = {}
+    for text in texts:
+        name, _, pair = text.partition("=")
+        low, _, high = pair.partition(":")
+        try:
+            ranges[name.strip()] = (float(low), float(high))
+        except ValueError:
+            raise InputError(
+                f"--range {text!r}: write NAME=LOW:HIGH, for example density=0.1:0.3", code="range_form"
+            ) from None
+    return ranges
+
+
+def sweep(
+    out: str,
+    configuration: SweepConfiguration,
+    table: FabricTable,
+    *,
+    resume: bool,
+    address: str | None,
+    workers: int | None,
+    json_output: bool,
+) -> None:
+    """Run the sweep under a progress bar and print its summary."""
+    from services.dataset.sweep import run_sweep
+
+    with console.progress("simulations", total=configuration.layout.simulations) as bar:
+        summary = run_sweep(
+            out,
+            configuration,
+            table,
+            resume=resume,
+            address=address,
+            workers=workers,
+            listen=lambda word: bar.advance(),
+            begin=lambda simulations: bar.update(total=simulations),
+        )
+    if json_output:
+        console.emit_json(summary)
+        return
+    failed = sum(summary.failed.values())
+    reasons = ", ".join(f"{name} {count}" for name, count in summary.failed.items())
+    console.say(f"{summary.samples} samples in {out}, {failed} failed{f' ({reasons})' if failed else ''}")
+
+
+def inspect(
+    store: str = STORE_ARGUMENT,
+    figures: Path | None = typer.Option(None, "--figures", help="Folder for a contact sheet and the Spearman matrix."),
+    json_output: bool = JSON_OPTION,
+) -> None:
+    """Counts, failures by reason and ranges of a store; pictures of it on request.
+
+    \b
+    Example:
+      drapemeter dataset inspect store.zarr --figures out/
+    """
+    from renderer.store import Store
+    from services.dataset.inspection import inspect_store
+
+    opened = Store.open(store)
+    report = inspect_store(opened)
+    if figures is not None:
+        from services.dataset.figures import write_figures
+
+        for path in write_figures(opened, figures):
+            console.note(f"wrote {path}")
+    if json_output:
+        console.emit_json(report)
+        return
+    console.say(f"{report.samples} samples of {report.materials} fabrics, scenes {', '.join(report.scenes)}")
+    console.say(
+        f"shards: {report.shards_complete} of {report.shards} complete; {report.stored_bytes / 1e6:.1f} MB stored"
+    )
+    console.say(f"ok {report.ok}; failed {report.failed or 'none'}")
+    for name, (low, high) in report.ranges.items():
+        console.say(f"  {name:14s} {low:.4g} to {high:.4g}")
+
+
+def validate(store: str = STORE_ARGUMENT, json_output: bool = JSON_OPTION) -> None:
+    """Check schema, checksums and that every sample is there exactly once; exits 1 when something is wrong.
+
+    \b
+    Example:
+      drapemeter dataset validate store.zarr
+    """
+    from renderer.store import Store
+    from services.dataset.validation import validate_store
+
+    opened = Store.open(store)
+    with console.progress("shards", total=opened.shards) as bar:
+        report = validate_store(opened, listen=lambda shard: bar.advance())
+    if json_output:
+        console.emit_json(report)
+    else:
+        console.say(f"{report.samples} samples in {report.shards} shards: {'valid' if report.valid else 'NOT valid'}")
+        for fault in report.faults:
+            console.say(f"  {fault}")
+    if not report.valid:
+        raise typer.Exit(1)

@@ -1,0 +1,92 @@
+"""Pictures of a store: a contact sheet of depth pictures and the Spearman matrix of the fabrics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from renderer.store import RowStatus, Store
+from simcore.errors import InputError
+from simcore.parameters import PARAMETER_NAMES
+
+CONTACT_COLUMNS = 8
+CONTACT_ROWS = 6
+LEAST_RELIEF_M = 0.03
+"""Height over the farthest point that is shown white in the flattest pictures [m]."""
+
+
+def write_figures(store: Store, folder: Path) -> list[Path]:
+    """Write ``contact-sheet.png`` and ``spearman.png``.
+
+    Raises:
+        InputError: the store holds no usable sample, or the folder cannot be made.
+    """
+    if not store.ok.any():
+        raise InputError(f"{store.url}: holds no usable sample yet, so there is nothing to show", code="store_empty")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror})", code="folder_not_writable") from None
+    paths = [folder / "contact-sheet.png", folder / "spearman.png"]
+    write_contact_sheet(store, paths[0])
+    finished = store.status != RowStatus.MISSING
+    _, first = np.unique(store.materials[finished], return_index=True)
+    write_spearman(store.parameters[finished][first], paths[1])
+    return paths
+
+
+def write_contact_sheet(store: Store, path: Path) -> None:
+    """Up to 48 usable pictures, evenly over the store, light where the cloth is near; PNG."""
+    from PIL import Image
+
+    usable = np.flatnonzero(store.ok)
+    upright = usable[np.abs(store.inclination_deg[usable]) == np.abs(store.inclination_deg[usable]).min()]
+    count = min(len(upright), CONTACT_COLUMNS * CONTACT_ROWS)
+    chosen = upright[np.linspace(0, len(upright) - 1, count).round().astype(int)]
+    columns = min(CONTACT_COLUMNS, count)
+    height, width = (side // 2 for side in store.layout.picture_size)
+    sheet = np.zeros((-(-count // columns) * height, columns * width), dtype=np.uint8)
+    for place, sample in enumerate(chosen):
+        row, column = divmod(place, columns)
+        tile = relief(store.depth(int(sample)))[: 2 * height : 2, : 2 * width : 2]
+        sheet[row * height : (row + 1) * height, column * width : (column + 1) * width] = tile
+    Image.fromarray(sheet).save(path)
+
+
+def relief(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Depth [m] as grey: the farthest point black, the nearest (at least 30 mm before it) white, uint8, same shape."""
+    height = np.where(depth > 0, depth.max() - depth, 0.0)
+    return (height / max(LEAST_RELIEF_M, float(height.max())) * 255).astype(np.uint8)
+
+
+def write_spearman(parameters: NDArray[np.float32], path: Path) -> None:
+    """Spearman rank correlations among the seven parameters, as the paper's figure; PNG.
+
+    Args:
+        parameters: one row a fabric, SI, shape [materials, 7].
+        path: the file.
+    """
+    from matplotlib.figure import Figure
+
+    matrix = spearman(parameters)
+    figure = Figure(figsize=(7, 6), layout="constrained")
+    axes = figure.add_subplot()
+    image = axes.imshow(matrix, vmin=-1, vmax=1, cmap="RdBu_r")
+    axes.set_xticks(range(len(PARAMETER_NAMES)), PARAMETER_NAMES, rotation=40, ha="right")
+    axes.set_yticks(range(len(PARAMETER_NAMES)), PARAMETER_NAMES)
+    for i, j in np.ndindex(matrix.shape):
+        axes.text(j, i, f"{matrix[i, j]:.2f}", ha="center", va="center", color="w" if abs(matrix[i, j]) > 0.6 else "k")
+    axes.set_title(f"Spearman correlation of {len(parameters)} fabrics")
+    figure.colorbar(image)
+    figure.savefig(path, dpi=110)
+
+
+def spearman(parameters: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Spearman rank correlations, float64, shape [7, 7]; NaN where a parameter does not vary."""
+    from scipy.stats import rankdata
+
+    ranks = rankdata(parameters, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.atleast_2d(np.corrcoef(ranks, rowvar=False))

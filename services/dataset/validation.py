@@ -1,0 +1,113 @@
+"""Is a store what it says it is: schema, checksums, every sample exactly once."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from renderer.store import RowStatus, ShardRows, Store
+from renderer.store_format import SCENE_CODES, array_specs, combine_digests
+from services.dataset.configuration import simulation_seed
+
+MOST_FAULTS = 100
+"""Faults that are listed; a damaged store is damaged."""
+
+
+@dataclass(frozen=True)
+class ValidationReport:
+    """What was found.
+
+    Attributes:
+        valid: nothing is wrong and nothing missing.
+        samples, shards: of the store.
+        shards_complete: shards with a completion mark.
+        faults: what is wrong, one line each, the first hundred.
+    """
+
+    valid: bool
+    samples: int
+    shards: int
+    shards_complete: int
+    faults: list[str]
+
+
+def validate_store(store: Store, listen: Callable[[int], None] = lambda shard: None) -> ValidationReport:
+    """Read every stored object of every shard and check it.
+
+    Args:
+        store: which.
+        listen: called after each shard.
+    """
+    faults = _schema_faults(store)
+    complete = store.complete
+    for shard in range(store.shards):
+        if len(faults) < MOST_FAULTS:
+            faults += _shard_faults(store, shard, bool(complete[shard]))
+        listen(shard)
+    return ValidationReport(not faults, len(store), store.shards, int(complete.sum()), faults[:MOST_FAULTS])
+
+
+def _schema_faults(store: Store) -> list[str]:
+    faults = []
+    for spec in array_specs(store.layout):
+        try:
+            array = store.array(spec.name)
+        except KeyError:
+            faults.append(f"array {spec.name} is missing")
+            continue
+        length = {"sample": len(store), "simulation": store.layout.simulations, "shard": store.shards}[spec.per]
+        if array.shape != (length, *spec.item):
+            faults.append(f"array {spec.name} has shape {array.shape}, not {(length, *spec.item)}")
+        if spec.dtype is not str and array.dtype != np.dtype(spec.dtype):
+            faults.append(f"array {spec.name} holds {array.dtype}, not {spec.dtype}")
+    return faults
+
+
+def _shard_faults(store: Store, shard: int, complete: bool) -> list[str]:
+    if not complete:
+        return [f"shard {shard} is unfinished: complete the store with --resume"]
+    objects = store.stored_bytes(shard)
+    missing = [key for key, value in objects.items() if value is None]
+    if missing:
+        return [f"shard {shard}: {key} is missing" for key in missing]
+    digests = [(key, hashlib.sha256(value).digest()) for key, value in objects.items() if value is not None]
+    if combine_digests(digests) != store.checksums[shard].tobytes():
+        return [f"shard {shard}: checksum does not match what is stored"]
+    return [f"shard {shard}: {fault}" for fault in _row_faults(store, shard, store.read_shard(shard))]
+
+
+def _row_faults(store: Store, shard: int, rows: ShardRows) -> list[str]:
+    """Whether the rows are the ones that belong there, each once and in order."""
+    layout = store.layout
+    address = np.array([layout.address(number) for number in layout.shard_simulations(shard)])
+    address = np.repeat(address, layout.pictures, axis=0)
+    codes = np.array([SCENE_CODES[name] for name in layout.scenes])
+    expected = {
+        "material": address[:, 0],
+        "scene": codes[address[:, 1]],
+        "jitter": address[:, 2],
+        "inclination_deg": np.tile(
+            np.asarray(layout.inclinations_deg, np.float32), len(layout.shard_simulations(shard))
+        ),
+    }
+    if "merged" not in store.attributes["configuration"]:
+        seed = int(store.attributes["seed"])
+        triples = zip(address[:, 0], codes[address[:, 1]], address[:, 2], strict=True)
+        expected["seed"] = np.array([simulation_seed(seed, triple) for triple in triples], dtype=np.uint64)
+    faults = [
+        f"column {name} is not that of its rows"
+        for name, want in expected.items()
+        if (getattr(rows, name) != want).any()
+    ]
+    if (rows.status == RowStatus.MISSING).any() or (rows.status > max(RowStatus)).any():
+        faults.append("a row has no known status")
+    failed = rows.status != RowStatus.OK
+    if any(not reason for reason in rows.reason[failed]):
+        faults.append("a failed row has no reason")
+    seen = rows.depth.reshape(len(rows.depth), -1).any(axis=1)
+    if (seen == failed).any():
+        faults.append("a usable row has an empty picture, or a failed one has a picture")
+    return faults
