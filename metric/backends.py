@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from typing import Any, Protocol
@@ -73,10 +74,12 @@ def _lpips(net: str) -> Callable[[], Backend]:
     return make
 
 
-def _depth() -> Backend:
-    from metric.depth_rmse import DepthRmse
+def _named(module: str, cls: str) -> Callable[[], Backend]:
+    def make() -> Backend:
+        backend: Backend = getattr(importlib.import_module(f"metric.{module}"), cls)()
+        return backend
 
-    return DepthRmse()
+    return make
 
 
 _REGISTER: dict[str, Callable[[], Backend]] = {
@@ -84,7 +87,12 @@ _REGISTER: dict[str, Callable[[], Backend]] = {
     "lpips-squeeze": _lpips("squeeze"),
     "lpips-alex": _lpips("alex"),
     "lpips-vgg": _lpips("vgg"),
-    "depth": _depth,
+    "ssim": _named("ssim", "Ssim"),
+    "ms-ssim": _named("ssim", "MsSsim"),
+    "psnr": _named("psnr", "Psnr"),
+    "depth": _named("depth_rmse", "DepthRmse"),
+    "silhouette": _named("silhouette", "SilhouetteIou"),
+    "normals": _named("normals", "NormalAngle"),
 }
 
 BACKEND_NAMES: tuple[str, ...] = tuple(_REGISTER)

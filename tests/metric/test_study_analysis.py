@@ -1,0 +1,147 @@
+"""The human study's statistics, checked with simulated observers whose embedding is known."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy.spatial import procrustes
+from scipy.stats import spearmanr
+
+from metric.agreement import agreement, metric_agreement, rank_correlations
+from metric.observers import simulate_observers
+from metric.triplets import Answer, Triplet, draw_triplets, shared_triplets
+from metric.tste import _loss, answer_array, embed
+from simcore.errors import InputError
+
+
+def known_points(seed: int = 0, count: int = 10) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0, 1, (count, 2))
+
+
+def distances(points: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(points[:, None] - points[None], axis=2)
+
+
+@pytest.mark.parametrize(("fabrics", "count"), [(10, 20), (5, 12), (7, 40), (3, 3)])
+def test_triplets_are_balanced(fabrics: int, count: int) -> None:
+    if count < 2 * fabrics:
+        with pytest.raises(InputError, match="reference"):
+            draw_triplets(fabrics, np.random.default_rng(0), count=count)
+        return
+    shared = shared_triplets(fabrics, np.random.default_rng(9), 4)
+    triplets = draw_triplets(fabrics, np.random.default_rng(1), count=count, shared=shared)
+    assert len(triplets) == count == len({t.question for t in triplets})
+    references = Counter(t.reference for t in triplets)
+    assert min(references.values()) >= 2
+    assert len(references) == fabrics
+    assert max(references.values()) - min(references.values()) <= 1
+    assert {t.question for t in shared} <= {t.question for t in triplets}
+    assert all(len({t.reference, t.left, t.right}) == 3 for t in triplets)
+    shown = Counter(f for t in triplets for f in (t.left, t.right))
+    assert max(shown.values()) - min(shown.values()) <= 4
+
+
+def test_triplets_depend_on_the_participant_alone() -> None:
+    first = draw_triplets(10, np.random.default_rng(5))
+    assert first == draw_triplets(10, np.random.default_rng(5))
+    assert first != draw_triplets(10, np.random.default_rng(6))
+
+
+def test_impossible_studies_are_refused() -> None:
+    rng = np.random.default_rng(0)
+    for fabrics, count, code in ((2, 20, "fabrics_too_few"), (4, 13, "triplets_many"), (11, 20, "triplets_few")):
+        with pytest.raises(InputError) as caught:
+            draw_triplets(fabrics, rng, count=count)
+        assert caught.value.code == code
+    with pytest.raises(InputError):
+        Answer("p", Triplet(0, 1, 2), 0)
+
+
+def test_gradient_of_the_embedding_loss() -> None:
+    rng = np.random.default_rng(0)
+    triplets = answer_array(simulate_observers(distances(known_points()), 2, seed=1))
+    point = rng.normal(0, 1, 20)
+    value, gradient = _loss(point, triplets, 10, 1.0, 0.1)
+    assert value > 0
+    for index in (0, 7, 19):
+        step = np.zeros(20)
+        step[index] = 1e-6
+        ahead, behind = (_loss(point + s, triplets, 10, 1.0, 0.1)[0] for s in (step, -step))
+        assert gradient[index] == pytest.approx((ahead - behind) / 2e-6, rel=1e-4, abs=1e-8)
+
+
+def test_the_embedding_is_recovered_from_simulated_observers() -> None:
+    truth = known_points(3)
+    answers = simulate_observers(distances(truth), 40, seed=2, noise=0.15)
+    assert all(a.simulated for a in answers)
+    found = embed(answer_array(answers), 10)
+    assert np.mean(rank_correlations(found.distances, distances(truth))) > 0.9
+    *_, disparity = procrustes(truth, found.points)
+    assert disparity < 0.15  # answers fix the order of distances, not their ratios
+    assert found.log_likelihood > np.log(0.5)
+
+
+def test_chance_observers_give_chance_correlation() -> None:
+    truth = distances(known_points(4))
+    means = []
+    for seed in range(12):
+        answers = simulate_observers(truth, 15, seed=seed, noise=np.inf)
+        found = embed(answer_array(answers), 10, restarts=3, seed=seed)
+        means.append(np.nanmean(rank_correlations(found.distances, truth)))
+    assert abs(np.mean(means)) < 0.15
+    assert np.mean(np.abs(means)) < 0.3
+
+
+def test_agreement_between_participants() -> None:
+    triplet, mirrored, other = Triplet(0, 1, 2), Triplet(0, 2, 1), Triplet(1, 0, 2)
+    answers = [
+        Answer("a", triplet, 1),
+        Answer("b", mirrored, 1),
+        Answer("c", triplet, 2),
+        Answer("a", other, 0),
+    ]
+    found = agreement(answers)
+    assert found.share == pytest.approx(1 / 3)
+    assert (found.questions, found.pairs) == (1, 3)
+    assert agreement(answers[3:]).share is None
+
+
+def test_agreement_of_perfect_and_of_coin_tossing_observers() -> None:
+    truth = distances(known_points(5))
+    assert agreement(simulate_observers(truth, 10, noise=0.0)).share == 1.0
+    tossed = agreement(simulate_observers(truth, 60, noise=np.inf)).share
+    assert tossed == pytest.approx(0.5, abs=0.05)
+
+
+def test_metric_agreement_tells_the_true_metric_from_noise() -> None:
+    truth = distances(known_points(6))
+    noise = distances(known_points(7))
+    answers = simulate_observers(truth, 25, seed=3, noise=0.2)
+    found = metric_agreement({"truth": truth, "noise": noise}, answers, 10, bootstrap=25)
+    assert found["truth"].mean > 0.85
+    assert found["truth"].answers_predicted > 0.85
+    interval = found["truth"].interval_95
+    assert interval is not None
+    assert interval[0] < interval[1] <= 1.0
+    assert interval[0] > 0.6
+    assert found["noise"].mean < 0.6
+    assert found["noise"].interval_95 is not None
+    assert found["noise"].interval_95[1] < interval[0] + 0.1
+
+
+def test_rank_correlation_is_spearmans() -> None:
+    first, second = distances(known_points(8)), distances(known_points(9))
+    others = np.arange(10) != 4
+    expected = spearmanr(first[4, others], second[4, others]).statistic
+    assert rank_correlations(first, second)[4] == pytest.approx(expected)
+    with pytest.raises(InputError):
+        rank_correlations(first, second[:5, :5])
+
+
+def test_no_answers_no_embedding() -> None:
+    with pytest.raises(InputError, match="none were given"):
+        embed(answer_array([]), 10)
+    with pytest.raises(InputError, match="not in the study"):
+        embed(np.array([[0, 1, 12]]), 10)
