@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -150,6 +151,16 @@ class TrainConfig:
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values."""
         return asdict(self)
+
+    def with_values(self, values: Mapping[str, Any], network: Mapping[str, Any]) -> TrainConfig:
+        """The same with some fields of its own and of its network replaced; None leaves a field as it is.
+
+        Raises:
+            InputError: an unusable value.
+        """
+        plain = self.to_json()
+        plain["network"].update({key: value for key, value in network.items() if value is not None})
+        return self.from_json({**plain, **{key: value for key, value in values.items() if value is not None}})
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> TrainConfig:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from simcore.parameters import ESTIMATED_NAMES
-from trainer.config import TrainConfig
 from trainer.dataset import PictureSource, PictureTable
 from trainer.inference import SCENE_SETS, extract_pairs, predict_subset, scene_names
 from trainer.intervals import IntervalTable, scene_key
@@ -101,7 +100,6 @@ def evaluate(
     source: PictureSource,
     table: PictureTable,
     split: MaterialSplit,
-    config: TrainConfig,
     scaling: TargetScaling,
     intervals: IntervalTable,
 ) -> Metrics:

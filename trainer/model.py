@@ -60,8 +60,7 @@ class TrainedModel:
             InputError: ``folder`` exists and is no model folder, or cannot be written.
         """
         target = Path(folder)
-        if target.exists() and not is_model_folder(target) and (not target.is_dir() or any(target.iterdir())):
-            raise InputError(f"{target} exists and holds no model: give another folder", code="output_exists")
+        check_target(target)
         weights, meta = save(self._tensors()), self._meta()
         version = model_version(weights, meta)
         try:
@@ -132,6 +131,16 @@ def load_model(folder: str | Path) -> TrainedModel:
         return _build(meta, tensors)
     except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
         raise InputError(f"{place}: cannot be read as a model ({error})", code="model_damaged") from None
+
+
+def check_target(folder: Path) -> None:
+    """Refuse to replace what is no model.
+
+    Raises:
+        InputError: a file, or a folder with other things in it.
+    """
+    if folder.exists() and not is_model_folder(folder) and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder} exists and holds no model: give another folder", code="output_exists")
 
 
 def is_model_folder(folder: Path) -> bool:

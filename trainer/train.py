@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -19,7 +20,7 @@ from trainer.evaluate import evaluate
 from trainer.model import TrainedModel, round_weights
 from trainer.network import DrapeNetwork, Features, fuse
 from trainer.preprocess import network_images
-from trainer.pretrained import load_pretrained_trunk
+from trainer.pretrained import BaseWeights, load_pretrained_trunk
 from trainer.split import MaterialSplit, split_materials
 from trainer.targets import TargetScaling
 
@@ -44,11 +45,24 @@ class Progress:
     loss: float
 
 
+@dataclass(frozen=True)
+class Learnt:
+    """A network behind its last step, with what it was taught from and how; not calibrated yet."""
+
+    config: TrainConfig
+    network: DrapeNetwork
+    source: PictureSource
+    table: PictureTable
+    split: MaterialSplit
+    scaling: TargetScaling
+    provenance: dict[str, Any]
+
+
 def train(
     source: PictureSource,
     config: TrainConfig = TrainConfig(),
     *,
-    partition: Partition = Partition(),
+    provenance: dict[str, Any] | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> TrainedModel:
     """Train, calibrate the intervals and test on held-out materials.
@@ -58,11 +72,27 @@ def train(
     Args:
         source: pictures with their parameters.
         config: every choice.
-        partition: this process's share of the shards, when several train together (``torch.distributed`` is up then).
+        provenance: where the pictures came from, kept with the model.
         report: called after each step.
 
     Raises:
         InputError: too few materials, or fewer shards than loaders.
+    """
+    return finish(learn(source, config, provenance=provenance, report=report))
+
+
+def learn(
+    source: PictureSource,
+    config: TrainConfig,
+    *,
+    partition: Partition = Partition(),
+    provenance: dict[str, Any] | None = None,
+    report: Callable[[Progress], None] | None = None,
+) -> Learnt:
+    """Fit a network to the training materials.
+
+    Args:
+        partition: this process's share of the shards, when several train together (``torch.distributed`` is up then).
     """
     torch.set_num_threads(config.threads)
     table = source.table()
@@ -73,23 +103,36 @@ def train(
     if config.inclinations == "upright":
         training = training.upright()
     scaling = TargetScaling.fit(training.material_parameters(), config.network.targets)
-    network = build_network(config)
+    network, base = build_network(config)
     broadcast_state(network, partition)
-
     stream = PairStream(source, training, size=config.network.input_size, seed=config.seed, partition=partition)
     pairs = batches(stream, max(1, config.batch_size // len(SCENES)), config.workers)
     fit(network, pairs, steps_of(training, config, partition), config, scaling, partition=partition, report=report)
-    return finish(network, source, table, split, config, scaling)
+    record = {"data": provenance or {}, "base_weights": asdict(base) if base else None, "torch": torch.__version__}
+    return Learnt(config, network, source, table, split, scaling, record)
 
 
-def build_network(config: TrainConfig) -> DrapeNetwork:
-    """A fresh network; its initial weights depend on the seed alone."""
+def finish(learnt: Learnt) -> TrainedModel:
+    """Round the weights to what is stored, then calibrate and test exactly that network."""
+    config, network, scaling = learnt.config, learnt.network, learnt.scaling
+    if config.half_precision_weights:
+        round_weights(network)
+    calibration = calibrate(network, learnt.source, learnt.table, learnt.split, config, scaling)
+    metrics = evaluate(network, learnt.source, learnt.table, learnt.split, scaling, calibration.intervals)
+    return TrainedModel(
+        config, network, scaling, calibration.intervals, calibration.outliers, metrics, learnt.provenance
+    )
+
+
+def build_network(config: TrainConfig) -> tuple[DrapeNetwork, BaseWeights | None]:
+    """A network before training and the weights it started from, if any; random ones depend on the seed alone."""
+    base = None
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(_seed(config.seed, _WEIGHTS_STREAM))
         network = DrapeNetwork(config.network)
         if config.pretrained:
-            load_pretrained_trunk(network.trunk)
-    return network
+            base = load_pretrained_trunk(network.trunk)
+    return network, base
 
 
 def steps_of(training: PictureTable, config: TrainConfig, partition: Partition) -> int:
@@ -168,22 +211,6 @@ def losses(
         errors.append(squared)
         likelihoods.append(0.5 * squared.detach() * torch.exp(-2 * log_spread) + log_spread)
     return torch.cat(errors).mean(), torch.cat(likelihoods).mean()
-
-
-def finish(
-    network: DrapeNetwork,
-    source: PictureSource,
-    table: PictureTable,
-    split: MaterialSplit,
-    config: TrainConfig,
-    scaling: TargetScaling,
-) -> TrainedModel:
-    """Round the weights to what is stored, then calibrate and test exactly that network."""
-    if config.half_precision_weights:
-        round_weights(network)
-    calibration = calibrate(network, source, table, split, config, scaling)
-    metrics = evaluate(network, source, table, split, config, scaling, calibration.intervals)
-    return TrainedModel(config, network, scaling, calibration.intervals, calibration.outliers, metrics)
 
 
 def _learning_share(step: int, steps: int, warmup: int) -> float:

@@ -1,0 +1,136 @@
+"""`drapemeter train`: a model from a store."""
+
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from services.cli import console
+from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    from trainer.config import TrainConfig
+    from trainer.model import TrainedModel
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("train")(train)
+
+
+def train(
+    store: str = typer.Option(..., "--store", help="Store of drapes: folder or URL."),
+    out: Path = typer.Option(..., "--out", help="Model folder to write; an earlier model there is replaced."),
+    preset: str = typer.Option("standard", "--preset", help="standard, paper or quick: see docs/estimator.md."),
+    epochs: int | None = typer.Option(None, "--epochs", help="Passes over the training pictures."),
+    input_size: int | None = typer.Option(None, "--input-size", help="Edge of the input [pixel]: 64, 128 or 256."),
+    trunk_width: float | None = typer.Option(None, "--trunk-width", help="Channels as a share of ResNet-18's."),
+    pictures: int | None = typer.Option(None, "--pictures", help="Pictures of an epoch, at most; 0 = all."),
+    pretrained: bool | None = typer.Option(None, "--pretrained/--scratch", help="Start from ImageNet weights."),
+    seed: int = typer.Option(0, "--seed", help="Of split, weights, order and augmentation."),
+    threads: int = typer.Option(1, "--threads", help="CPU threads of the network."),
+    workers: int = typer.Option(0, "--workers", help="Processes that read the store; 0 = this one."),
+    ranks: int = typer.Option(0, "--ranks", help="Train as a job on Ray, on so many workers; 0 = in this process."),
+    address: str | None = typer.Option(None, "--address", help="Ray cluster for --ranks; default: a local one."),
+    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+) -> None:
+    """Train the estimator, calibrate its intervals and test it on fabrics held out of training.
+
+    The same store, options and seed give the same model. Training starts from scratch unless --pretrained.
+
+    \b
+    Example:
+      drapemeter train --store store.zarr --out model/ --epochs 10
+    """
+    from trainer.presets import preset_config
+
+    asked = {
+        "epochs": epochs,
+        "pictures_per_epoch": pictures,
+        "pretrained": pretrained,
+        "seed": seed,
+        "threads": threads,
+        "workers": workers,
+    }
+    config = preset_config(preset).with_values(asked, {"input_size": input_size, "trunk_width": trunk_width})
+    check_out(out)
+    started = time.monotonic()
+    model = train_here(store, config) if ranks == 0 else train_on_ray(store, config, ranks, address)
+    version = model.save(out)
+    report(model, out, version, time.monotonic() - started, json_output)
+
+
+def check_out(out: Path) -> None:
+    """Refuse early what could not be written after the training.
+
+    Raises:
+        InputError: something other than a model is there.
+    """
+    from trainer.model import check_target
+
+    check_target(out)
+    if not out.absolute().parent.is_dir():
+        raise InputError(f"{out}: its folder does not exist; make it first", code="folder_missing")
+
+
+def train_here(store: str, config: TrainConfig) -> TrainedModel:
+    """Train in this process, with a progress bar."""
+    from trainer.store_source import StoreSource
+    from trainer.train import train as run
+
+    source = StoreSource(store, config.inclinations)
+    with console.progress("training") as bar:
+        return run(
+            source,
+            config,
+            provenance=source.provenance(),
+            report=lambda p: bar.update(
+                completed=p.step, total=p.steps, description=f"training, squared error {p.loss:.3f}"
+            ),
+        )
+
+
+def train_on_ray(store: str, config: TrainConfig, ranks: int, address: str | None) -> TrainedModel:
+    """Train as a Ray job, with a progress bar."""
+    from services.training.job import train_on_ray as run
+
+    with console.progress("training on Ray") as bar:
+        return run(
+            store,
+            config,
+            ranks=ranks,
+            address=address,
+            report=lambda p: bar.update(
+                completed=p.step, total=p.steps, description=f"training, squared error {p.loss:.3f}"
+            ),
+        )
+
+
+def report(model: TrainedModel, out: Path, version: str, seconds: float, json_output: bool) -> None:
+    """Print how good it is."""
+    if json_output:
+        console.emit_json(
+            {
+                "model": out,
+                "model_version": version,
+                "seconds": round(seconds, 1),
+                "config": model.config.to_json(),
+                "metrics": model.metrics.to_json(),
+            }
+        )
+        return
+    counts = model.metrics.materials
+    console.say(
+        f"{out}: model {version}, {seconds:.0f} s; fabrics learnt from {counts['train']}, calibrated on "
+        f"{counts['calibration']}, tested on {counts['test']}"
+    )
+    for predictor in model.metrics.scores:
+        factor = math.exp(model.metrics.average(predictor, "mae_log"))
+        correlation = model.metrics.average(predictor, "spearman")
+        coverage = model.metrics.average(predictor, "coverage")
+        covered = "" if math.isnan(coverage) else f", 90 % intervals cover {100 * coverage:.0f} %"
+        console.say(f"  {predictor:16s} off by a factor {factor:.2f}, rank correlation {correlation:.2f}{covered}")

@@ -1,0 +1,125 @@
+"""Training as a Ray job: one actor a rank, each with its own shards, gradients averaged over gloo."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from services.dataset.cluster import ray_cluster
+from simcore.errors import DrapemeterError, InputError
+
+if TYPE_CHECKING:
+    from trainer.config import TrainConfig
+    from trainer.model import TrainedModel
+    from trainer.train import Progress
+
+POLL_S = 0.5
+
+
+class TrainingRank:
+    """One of the processes that train together; a Ray actor with a second thread for questions.
+
+    Args:
+        store: URL that every node reaches.
+        config: the run.
+        rank, world_size: which of how many.
+    """
+
+    def __init__(self, store: str, config: TrainConfig, rank: int, world_size: int) -> None:
+        self._store, self._config, self._rank, self._world_size = store, config, rank, world_size
+        self._progress: Progress | None = None
+
+    def meeting_place(self) -> str:
+        """On rank 0: the address where the ranks meet."""
+        import ray
+
+        util: Any = ray.util  # ray does not annotate it
+        host = util.get_node_ip_address()
+        with socket.socket() as free:
+            free.bind((host, 0))
+            return f"tcp://{host}:{free.getsockname()[1]}"
+
+    def run(self, meeting_place: str) -> TrainedModel | None:
+        """Train this rank's share; rank 0 calibrates and returns the model.
+
+        Raises:
+            InputError: the store cannot be used, or has too few shards.
+        """
+        import torch.distributed as dist
+
+        from trainer.dataset import Partition
+        from trainer.store_source import StoreSource
+        from trainer.train import finish, learn
+
+        partition = Partition(self._rank, self._world_size)
+        if self._world_size > 1:
+            dist.init_process_group("gloo", init_method=meeting_place, rank=self._rank, world_size=self._world_size)
+        source = StoreSource(self._store, self._config.inclinations)
+        learnt = learn(source, self._config, partition=partition, provenance=source.provenance(), report=self._remember)
+        if self._world_size > 1:
+            dist.destroy_process_group()
+        return finish(learnt) if self._rank == 0 else None
+
+    def progress(self) -> Progress | None:
+        """Where the run stands."""
+        return self._progress
+
+    def _remember(self, progress: Progress) -> None:
+        self._progress = progress
+
+
+def train_on_ray(
+    store: str,
+    config: TrainConfig,
+    *,
+    ranks: int = 1,
+    address: str | None = None,
+    report: Callable[[Progress], None] | None = None,
+) -> TrainedModel:
+    """Train as a Ray job.
+
+    Each rank asks for ``config.threads`` CPUs and works on its own shards; a batch of ``config.batch_size`` pictures a
+    rank. When one rank fails, all are stopped.
+
+    Args:
+        store: URL that every node reaches.
+        config: the run.
+        ranks: processes that train together.
+        address: of a running cluster; None starts one here.
+        report: called with rank 0's progress now and then.
+
+    Raises:
+        InputError: the store or the cluster cannot be used.
+    """
+    if ranks < 1:
+        raise InputError(f"{ranks} ranks: give at least 1", code="ranks")
+    with ray_cluster(address, ranks * config.threads):
+        return _train(store, config, ranks, report)
+
+
+def _train(store: str, config: TrainConfig, ranks: int, report: Callable[[Progress], None] | None) -> TrainedModel:
+    import ray
+    from ray.exceptions import RayTaskError
+
+    actor_class: Any = ray.remote(TrainingRank).options(num_cpus=config.threads, max_concurrency=2)
+    actors = [actor_class.remote(store, config, rank, ranks) for rank in range(ranks)]
+    try:
+        place = ray.get(actors[0].meeting_place.remote())
+        runs = [actor.run.remote(place) for actor in actors]
+        waiting = list(runs)
+        while waiting:
+            ready, waiting = ray.wait(waiting, timeout=POLL_S)
+            ray.get(ready)  # a failed rank speaks up before the others wait for it in vain
+            progress = ray.get(actors[0].progress.remote())
+            if report is not None and progress is not None:
+                report(progress)
+        model: TrainedModel = ray.get(runs[0])
+    except RayTaskError as error:
+        if isinstance(error.cause, DrapemeterError):
+            raise error.cause from None
+        raise
+    finally:
+        for actor in actors:
+            ray.kill(actor)
+    return model
