@@ -1,0 +1,67 @@
+"""The catalogue: every module in this folder that has an ``EFFECT`` is in it. Add a file to add an effect."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
+
+from diagnosis.effect import Effect
+from simcore.errors import InputError
+
+
+@cache
+def catalogue() -> Mapping[str, Effect]:
+    """All effects by name, in alphabetical order.
+
+    Raises:
+        InputError: two files give the same name.
+    """
+    found: dict[str, Effect] = {}
+    for module in sorted(pkgutil.iter_modules(__path__), key=lambda m: m.name):
+        effect = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
+        if not isinstance(effect, Effect):
+            raise InputError(
+                f"diagnosis/effects/{module.name}.py has no EFFECT: define EFFECT = Effect(...)", code="effect_file"
+            )
+        if effect.name in found:
+            raise InputError(f"two files define the effect {effect.name!r}: rename one", code="effect_duplicate")
+        found[effect.name] = effect
+    return MappingProxyType(dict(sorted(found.items())))
+
+
+def get_effect(name: str) -> Effect:
+    """An effect by name.
+
+    Raises:
+        InputError: no such effect; the message lists the names.
+    """
+    effects = catalogue()
+    if name not in effects:
+        raise InputError(f"unknown effect {name!r}: choose from {', '.join(effects)}", code="effect_unknown")
+    return effects[name]
+
+
+def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
+    """``NAME=MAGNITUDE`` or ``NAME=component:value,component:value`` from a command line.
+
+    Raises:
+        InputError: another form, an unknown effect or component, or not a number.
+    """
+    name, separator, value = text.partition("=")
+    effect = get_effect(name.strip())
+    if not separator or not value.strip():
+        raise InputError(
+            f"{text!r}: give the magnitude too, {effect.name}=NUMBER [{effect.unit}]"
+            + (f" or {effect.name}=" + ",".join(f"{c}:NUMBER" for c in effect.components) if effect.vector else ""),
+            code="effect_magnitude",
+        )
+    try:
+        if ":" not in value:
+            return effect, effect.size(float(value))
+        pairs = [part.partition(":") for part in value.split(",")]
+        return effect, effect.size({part[0].strip(): float(part[2]) for part in pairs})
+    except ValueError:
+        raise InputError(f"{text!r}: {value!r} is not a number", code="effect_magnitude") from None

@@ -1,0 +1,142 @@
+"""What an effect is: a mechanism that the baseline lacks, with a size, and how it changes a simulation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from types import MappingProxyType
+
+import numpy as np
+
+from diagnosis.scene import SimulationScene
+from simcore.errors import InputError
+
+SCALAR = "magnitude"
+"""Name of the only component of an effect whose size is one number."""
+
+
+class Stage(StrEnum):
+    """Where in the way from fabric to picture an effect sits."""
+
+    FABRIC = "fabric"
+    SETUP = "setup"
+    ENVIRONMENT = "environment"
+    CAMERA = "camera"
+    SENSOR = "sensor"
+
+
+@dataclass(frozen=True)
+class Component:
+    """One number of an effect's size and what is believed of it beforehand.
+
+    Attributes:
+        low, high: range of its absolute value, in the effect's unit.
+        signed: both signs occur.
+        unit: its unit where it is not the effect's own.
+    """
+
+    low: float
+    high: float
+    signed: bool = False
+    unit: str | None = None
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """A size from the prior: log-uniform in the absolute value."""
+        size = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
+        return -size if self.signed and rng.random() < 0.5 else size
+
+
+Size = Mapping[str, float]
+"""Component name to value; ``{"magnitude": x}`` for an effect of one number."""
+
+Apply = Callable[[SimulationScene, Size], SimulationScene]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue.
+
+    Attributes:
+        name: as in reports and on the command line.
+        stage: where it sits.
+        unit: of its size.
+        components: prior of each number of its size.
+        summary: what it does, one sentence.
+        hook: what it sets in the simulation.
+        source: where the mechanism or its numbers come from.
+        change: the change itself; use :meth:`apply`.
+        vector: the components are those of a vector: a size below ``low`` in one of them is no contradiction, the
+            whole vector's length is in the range.
+        random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
+    """
+
+    name: str
+    stage: Stage
+    unit: str
+    components: Mapping[str, Component]
+    summary: str
+    hook: str
+    source: str
+    change: Apply = field(repr=False)
+    vector: bool = False
+    random_repeats: bool = False
+
+    def apply(self, scene: SimulationScene, magnitude: float | Size) -> SimulationScene:
+        """The scene with the effect on.
+
+        Args:
+            scene: without it.
+            magnitude: a number in the effect's unit, or its components by name (missing ones: zero for a vector, the
+                middle of their range otherwise).
+
+        Raises:
+            InputError: not finite, or a component that the effect does not have.
+        """
+        return self.change(scene, self.size(magnitude))
+
+    def size(self, magnitude: float | Size) -> dict[str, float]:
+        """All components of a magnitude, checked. One number given to a vector sets its first component."""
+        given = dict(magnitude) if isinstance(magnitude, Mapping) else {next(iter(self.components)): magnitude}
+        unknown = set(given) - set(self.components)
+        if unknown:
+            raise InputError(
+                f"{self.name} has no component {', '.join(sorted(unknown))}: choose from {', '.join(self.components)}",
+                code="effect_component_unknown",
+            )
+        if not all(math.isfinite(value) for value in given.values()):
+            raise InputError(f"{self.name}: a magnitude must be a finite number [{self.unit}]", code="effect_magnitude")
+        return {name: float(given.get(name, self._default(name))) for name in self.components}
+
+    def draw(self, rng: np.random.Generator) -> dict[str, float]:
+        """A size from the prior; a vector's direction is uniform, its length log-uniform."""
+        if not self.vector:
+            return {name: component.draw(rng) for name, component in self.components.items()}
+        first = next(iter(self.components.values()))
+        length = math.exp(rng.uniform(math.log(first.low), math.log(first.high)))
+        direction = rng.standard_normal(len(self.components))
+        direction *= length / np.linalg.norm(direction)
+        return dict(zip(self.components, direction.tolist(), strict=True))
+
+    def typical(self) -> dict[str, float]:
+        """A size from the middle of the prior, for pictures."""
+        if self.vector:
+            first = next(iter(self.components.values()))
+            share = math.sqrt(first.low * first.high / len(self.components))
+            return dict.fromkeys(self.components, share)
+        return {name: math.sqrt(c.low * c.high) for name, c in self.components.items()}
+
+    def _default(self, name: str) -> float:
+        component = self.components[name]
+        return 0.0 if self.vector else math.sqrt(component.low * component.high)
+
+
+def scalar(low: float, high: float, *, signed: bool = False) -> Mapping[str, Component]:
+    """Components of an effect whose size is one number."""
+    return MappingProxyType({SCALAR: Component(low, high, signed)})
+
+
+def vector(names: tuple[str, ...], low: float, high: float) -> Mapping[str, Component]:
+    """Components of an effect whose size is a vector with a length in a range."""
+    return MappingProxyType({name: Component(low, high, True) for name in names})

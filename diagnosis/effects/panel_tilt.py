@@ -1,0 +1,28 @@
+"""The panel is not upright."""
+
+from __future__ import annotations
+
+import math
+
+from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+from diagnosis.scene import SimulationScene
+
+
+def change(scene: SimulationScene, size: Size) -> SimulationScene:
+    """Gravity turned in the panel frame: positive, it leans back and the cloth is pressed to it."""
+    gx, gy, gz = scene.mechanics.gravity
+    angle = math.radians(size[SCALAR])
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return scene.with_mechanics(gravity=(gx, cosine * gy - sine * gz, sine * gy + cosine * gz))
+
+
+EFFECT = Effect(
+    name="panel_tilt",
+    stage=Stage.SETUP,
+    unit="deg",
+    components=scalar(6.0, 14.0, signed=True),
+    summary="The panel leans back (positive: gravity presses the cloth to it) or forward.",
+    hook="mechanics.gravity",
+    source="A panel set up without a level.",
+    change=change,
+)

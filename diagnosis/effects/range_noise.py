@@ -1,0 +1,24 @@
+"""The sensor is noisier than stated."""
+
+from __future__ import annotations
+
+from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+from diagnosis.scene import SimulationScene
+
+
+def change(scene: SimulationScene, size: Size) -> SimulationScene:
+    """Variances add; at the sensor's reference distance."""
+    total = (scene.sensor.range_noise_m**2 + size[SCALAR] ** 2) ** 0.5
+    return scene.with_sensor(range_noise_m=total)
+
+
+EFFECT = Effect(
+    name="range_noise",
+    stage=Stage.SENSOR,
+    unit="m",
+    components=scalar(0.001, 0.004),
+    summary="More white noise along z than stated; independent of the stated noise.",
+    hook="sensor.range_noise_m",
+    source="Depth noise of triangulation, grows as z squared.",
+    change=change,
+)
