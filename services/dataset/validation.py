@@ -42,6 +42,8 @@ def validate_store(store: Store, listen: Callable[[int], None] = lambda shard: N
         listen: called after each shard.
     """
     faults = _schema_faults(store)
+    if faults:
+        return ValidationReport(False, len(store), store.shards, 0, faults)
     complete = store.complete
     for shard in range(store.shards):
         if len(faults) < MOST_FAULTS:

@@ -21,6 +21,7 @@ class SimulationDone:
         simulation: its number in the sweep.
         status: how it ended.
         solves: simulations this worker has done since it started.
+        process_id: the worker's process, on its node.
         rss_bytes: memory the worker holds.
         stored: the shard is written and marked complete.
     """
@@ -28,6 +29,7 @@ class SimulationDone:
     simulation: int
     status: RowStatus
     solves: int
+    process_id: int
     rss_bytes: int
     stored: bool
 
@@ -63,7 +65,7 @@ class ShardWorker:
             stored = len(parts) == len(numbers)
             if stored:
                 writer.write_shard(task.shard, ShardRows.concatenate(parts))
-            yield SimulationDone(number, status, self._solves, resident_bytes(), stored)
+            yield SimulationDone(number, status, self._solves, os.getpid(), resident_bytes(), stored)
 
     def _ready(self) -> tuple[Solver, StoreWriter]:
         """Solver and writer, made by the first shard: what fails there is raised as a task's error, with its cause."""
@@ -71,10 +73,6 @@ class ShardWorker:
             self._writer = StoreWriter.open(self._url)
             self._solver = Solver(self._configuration.mesh)
         return self._solver, self._writer
-
-    def process_id(self) -> int:
-        """Process of this worker."""
-        return os.getpid()
 
 
 def resident_bytes() -> int:

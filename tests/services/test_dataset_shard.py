@@ -1,0 +1,99 @@
+"""One shard's work: every failure is a row with a status and a reason, and rows can be made again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from renderer.store import RowStatus, Store
+from services.dataset.shard import ShardTask, picture_fault, simulate_and_render, simulate_shard
+from services.dataset.worker import ShardWorker
+from simcore.drape import Drape, DrapeStatus
+from simcore.errors import SimulationError
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+from simcore.solver import Solver
+from tests.services.dataset_helpers import small_sweep, write_without_ray
+
+CONFIGURATION, FABRICS = small_sweep()
+FABRIC = FABRICS.parameters([0])[0]
+
+
+class StubSolver(Solver):
+    """Returns or raises what it is told, in place of a simulation."""
+
+    def __init__(self, result: Drape | Exception) -> None:
+        self.result = result
+
+    def solve(self, *arguments: object, **options: object) -> Drape:  # type: ignore[override]  # any call will do
+        """The prepared result."""
+        if isinstance(self.result, Exception):
+            raise self.result
+        return self.result
+
+
+def drape(status: DrapeStatus = DrapeStatus.STILL, reason: str = "", seconds: float = 0.1, z: float = 0.05) -> Drape:
+    """A bulging sheet with a chosen ending."""
+    u, v = CONFIGURATION.mesh.material_coordinates.T
+    vertices = np.stack([u - 0.25, -v, 0.001 + z * np.sin(np.pi * u / 0.5)], axis=1)
+    return Drape(CONFIGURATION.mesh, vertices, status, 1e-4, -0.1, True, 7, seconds, reason)
+
+
+@pytest.mark.parametrize(
+    ("result", "status", "reason"),
+    [
+        (drape(), RowStatus.OK, ""),
+        (drape(DrapeStatus.NOT_STILL, "residual 2"), RowStatus.NOT_STILL, "residual 2"),
+        (drape(DrapeStatus.NOT_STILL, "time limit", seconds=121.0), RowStatus.TIMED_OUT, "time limit"),
+        (drape(DrapeStatus.UNDER_RESOLVED, "zigzag"), RowStatus.UNDER_RESOLVED, "zigzag"),
+        (drape(DrapeStatus.DIVERGED), RowStatus.DIVERGED, "diverged"),
+        (drape(z=float("nan")), RowStatus.BAD_RENDER, "finite"),
+        (SimulationError("no start"), RowStatus.REFUSED, "SimulationError: no start"),
+        (ZeroDivisionError("x / 0"), RowStatus.CRASHED, "ZeroDivisionError: x / 0"),
+        (np.linalg.LinAlgError("singular"), RowStatus.CRASHED, "LinAlgError: singular"),
+    ],
+)
+def test_every_ending_has_its_status_and_reason(result: Drape | Exception, status: RowStatus, reason: str) -> None:
+    outcome = simulate_and_render(FABRIC, "hanging", 1, CONFIGURATION, StubSolver(result))
+    assert outcome.status is status
+    assert reason in outcome.reason and bool(outcome.reason) == (status is not RowStatus.OK)
+    assert outcome.depth.any() == (status is RowStatus.OK)
+
+
+def test_bad_pictures_are_noticed() -> None:
+    good = np.linspace(0.8, 0.9, 2 * 16, dtype=np.float32).reshape(2, 4, 4)
+    assert picture_fault(good) == ""
+    assert picture_fault(np.concatenate([good, np.full((1, 4, 4), 0.9, np.float32)])) == "the picture is constant"
+    assert picture_fault(np.zeros((1, 4, 4), np.float32)) == "nothing is seen"
+    assert picture_fault(np.full((1, 4, 4), np.nan, np.float32)) == "depth is not finite"
+
+
+def test_rows_tell_where_they_belong_and_failures_keep_their_place() -> None:
+    task = ShardTask(6, FABRICS.parameters([9, 9]), {19: (RowStatus.CRASHED, "killed its worker, 3 times")})
+    rows = [rows for _, rows in simulate_shard(task, CONFIGURATION, StubSolver(drape()))]
+    assert [r.status.tolist() for r in rows] == [[RowStatus.OK] * 2, [RowStatus.CRASHED] * 2]
+    assert rows[1].material.tolist() == [9, 9] and rows[1].scene.tolist() == [1, 1]
+    assert rows[1].reason.tolist() == ["killed its worker, 3 times"] * 2
+    assert np.isnan(rows[1].vertices).all() and not rows[1].depth.any()
+    assert rows[0].inclination_deg.tolist() == [-5.0, 5.0]
+    assert np.array_equal(rows[0].parameters, np.repeat(FABRICS.parameters([9]), 2, axis=0))
+
+
+def test_a_shard_alone_and_again_gives_the_same_bits_and_simulate_makes_its_drape(tmp_path: Path) -> None:
+    """A worker's past leaves no trace: the order of shards does not matter."""
+    configuration, fabrics = small_sweep(materials=2)
+    write_without_ray(tmp_path / "a.zarr", configuration, fabrics)
+    write_without_ray(tmp_path / "b.zarr", configuration, fabrics)
+    store = Store.open(tmp_path / "a.zarr")
+    before = Store.open(tmp_path / "b.zarr").checksums
+    worker = ShardWorker(str(tmp_path / "b.zarr"), configuration)
+    list(worker.run(ShardTask(1, fabrics.parameters([1]), {})))
+    list(worker.run(ShardTask(0, fabrics.parameters([0, 0, 1]), {})))
+    assert np.array_equal(before, store.checksums)
+    assert np.array_equal(Store.open(tmp_path / "b.zarr").checksums, store.checksums)
+    row = 2 * 2  # third simulation: material 1, hanging
+    fabric = FabricParameters.from_array(store.parameters[row])
+    again = Solver(configuration.mesh).solve(fabric, Setup.nominal("hanging"), seed=int(store.column("seed")[row]))
+    assert np.array_equal(again.vertices.astype(np.float32), store.vertices(2))

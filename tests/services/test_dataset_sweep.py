@@ -1,0 +1,69 @@
+"""Sweeps on real Ray: complete, the same bits however they were spread, interrupted and resumed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from renderer.store import Store
+from services.dataset.sweep import run_sweep
+from services.dataset.validation import validate_store
+from services.dataset.worker import SimulationDone
+from tests.services.dataset_helpers import COMMAND, SHARDS, assert_same_store, small_sweep, write_without_ray
+
+pytestmark = pytest.mark.ray
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small sweep's store, made without Ray by one worker."""
+    return write_without_ray(tmp_path_factory.mktemp("undisturbed") / "store.zarr", *small_sweep())
+
+
+def test_two_workers_give_the_bits_of_one_and_survive_a_kill(undisturbed: Path, tmp_path: Path) -> None:
+    heard: list[SimulationDone] = []
+
+    def kill_once(word: SimulationDone) -> None:
+        heard.append(word)
+        if len(heard) == 5:
+            os.kill(word.process_id, signal.SIGKILL)
+
+    configuration, fabrics = small_sweep()
+    summary = run_sweep(tmp_path / "s.zarr", configuration, fabrics, workers=2, recycle_after=6, listen=kill_once)
+    assert (summary.samples, summary.failed) == (40, {})
+    assert_same_store(undisturbed, tmp_path / "s.zarr")
+    assert validate_store(Store.open(tmp_path / "s.zarr")).valid
+    assert len({word.process_id for word in heard}) >= 4, "two workers, one killed, all recycled after six solves"
+    assert max(word.solves for word in heard) <= 6 + 2
+
+
+def test_driver_killed_and_resumed_gives_the_undisturbed_store(undisturbed: Path, tmp_path: Path) -> None:
+    store = tmp_path / "s.zarr"
+    command = [*COMMAND, "--out", str(store), "--json"]
+    with (tmp_path / "log").open("w") as log:
+        driver = subprocess.Popen(command, stdout=log, stderr=log)
+    try:
+        wait_for_shards(store, 2, driver)
+    finally:
+        driver.kill()
+        driver.wait()
+    done = Store.open(store).complete.sum()
+    assert 2 <= done < SHARDS, "the driver was to be killed in mid-run"
+    subprocess.run([*command, "--resume"], check=True, capture_output=True, timeout=150)
+    assert_same_store(undisturbed, store)
+    assert validate_store(Store.open(store)).valid
+
+
+def wait_for_shards(store: Path, count: int, process: subprocess.Popen[bytes]) -> None:
+    """Until so many shards are marked complete."""
+    for _ in range(1200):
+        if len(list((store / "checksum" / "c").glob("*/0"))) >= count:
+            return
+        assert process.poll() is None, "the sweep ended by itself"
+        time.sleep(0.1)
+    raise AssertionError("no shard was finished in two minutes")

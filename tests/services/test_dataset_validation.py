@@ -1,0 +1,130 @@
+"""`validate` notices every kind of damage, `inspect` counts what is there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from renderer.store import RowStatus, ShardRows, Store, StoreWriter
+from services.dataset.configuration import SweepConfiguration, simulation_seed
+from services.dataset.figures import relief, spearman, write_figures
+from services.dataset.inspection import inspect_store
+from services.dataset.sweep import count_failures, prepare_store
+from services.dataset.validation import validate_store
+from simcore.errors import InputError
+from tests.services.dataset_helpers import small_sweep
+
+CONFIGURATION, FABRICS = small_sweep()
+LAYOUT = CONFIGURATION.layout
+
+
+def rows_of(shard: int, configuration: SweepConfiguration = CONFIGURATION) -> ShardRows:
+    """Rows as a worker would write them, with made-up pictures; the sweep's last simulation failed."""
+    layout = configuration.layout
+    numbers = layout.shard_simulations(shard)
+    address = np.repeat([layout.address(number) for number in numbers], layout.pictures, axis=0)
+    failed = np.repeat(np.array(numbers) == layout.simulations - 1, layout.pictures)
+    rng = np.random.default_rng(shard)
+    depth = rng.integers(8000, 9000, (len(address), 256, 256), dtype=np.uint16)
+    depth[failed] = 0
+    return ShardRows(
+        depth=depth,
+        parameters=FABRICS.parameters(address[:, 0].tolist()),
+        scene=address[:, 1].astype(np.uint8),
+        status=np.where(failed, RowStatus.TIMED_OUT, RowStatus.OK).astype(np.uint8),
+        reason=np.where(failed, "time limit", "").astype(object),
+        inclination_deg=np.tile(layout.inclinations_deg, len(numbers)).astype(np.float32),
+        seed=np.array([simulation_seed(configuration.seed, triple) for triple in address], dtype=np.uint64),
+        material=address[:, 0].astype(np.uint32),
+        jitter=address[:, 2].astype(np.uint32),
+        vertices=np.zeros((len(numbers), layout.vertex_count, 3), np.float32),
+        residual=np.zeros(len(numbers)),
+        energy=np.zeros(len(numbers)),
+    )
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    """A whole store with one failed simulation."""
+    place = tmp_path / "s.zarr"
+    prepare_store(str(place), CONFIGURATION, resume=False)
+    writer = StoreWriter.open(place)
+    for shard in range(LAYOUT.shards):
+        writer.write_shard(shard, rows_of(shard))
+    return place
+
+
+def faults(store: Path) -> str:
+    """All faults found."""
+    report = validate_store(Store.open(store))
+    assert report.valid == (not report.faults)
+    return "; ".join(report.faults)
+
+
+def test_a_sound_store_is_valid_and_counted(store: Path) -> None:
+    assert faults(store) == ""
+    report = inspect_store(Store.open(store))
+    assert (report.samples, report.ok, report.failed) == (40, 38, {"timed_out": 2})
+    assert report.reasons == {"time limit": 2} and report.shards_complete == report.shards == 7
+    assert report.ranges["density"][0] == pytest.approx(Store.open(store).parameters[:, 6].min())
+    assert report.stored_bytes > 38 * 1000 and report.bytes_per_picture > 0
+    assert count_failures(Store.open(store)) == {"timed_out": 2}
+
+
+def test_a_flipped_bit_is_noticed(store: Path) -> None:
+    path = store / "depth" / "c" / "2" / "0" / "0"
+    data = bytearray(path.read_bytes())
+    data[1000] ^= 1
+    path.write_bytes(bytes(data))
+    assert "shard 2: checksum does not match" in faults(store)
+
+
+def test_a_lost_object_is_noticed(store: Path) -> None:
+    (store / "seed" / "c" / "1").unlink()
+    assert "shard 1: seed/c/1 is missing" in faults(store)
+
+
+def test_an_unfinished_shard_is_noticed(store: Path) -> None:
+    (store / "checksum" / "c" / "3" / "0").unlink()
+    assert "shard 3 is unfinished" in faults(store) and "--resume" in faults(store)
+
+
+def test_rows_that_belong_elsewhere_are_noticed(store: Path) -> None:
+    StoreWriter.open(store).write_shard(1, rows_of(0))
+    assert "shard 1: column material is not that of its rows" in faults(store)
+    assert "shard 1: column seed is not that of its rows" in faults(store)
+
+
+def test_failures_without_a_reason_and_empty_pictures_are_noticed(store: Path) -> None:
+    rows = rows_of(6)
+    rows.reason[:] = ""
+    rows.depth[:] = 0
+    StoreWriter.open(store).write_shard(6, rows)
+    assert "a failed row has no reason" in faults(store)
+    assert "empty picture" in faults(store)
+
+
+def test_a_missing_array_is_noticed(store: Path) -> None:
+    (store / "jitter" / "zarr.json").unlink()
+    assert faults(store) == "array jitter is missing"
+
+
+def test_figures_show_fabrics_and_pictures(store: Path, tmp_path: Path) -> None:
+    paths = write_figures(Store.open(store), tmp_path / "figures")
+    assert [path.name for path in paths] == ["contact-sheet.png", "spearman.png"]
+    assert all(path.stat().st_size > 5000 for path in paths)
+    assert spearman(FABRICS.parameters(range(10)))[0, 0] == pytest.approx(1.0)
+
+
+def test_relief_is_light_where_the_cloth_is_near() -> None:
+    depth = np.array([[0.9, 0.85, 0.8, 0.0]], dtype=np.float32)
+    assert relief(depth).tolist() == [[0, 127, 255, 0]]
+
+
+def test_an_unfinished_store_has_nothing_to_show(tmp_path: Path) -> None:
+    prepare_store(str(tmp_path / "s.zarr"), CONFIGURATION, resume=False)
+    with pytest.raises(InputError, match="nothing to show"):
+        write_figures(Store.open(tmp_path / "s.zarr"), tmp_path / "figures")
+    assert inspect_store(Store.open(tmp_path / "s.zarr")).ok == 0
