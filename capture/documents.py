@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
@@ -16,7 +16,7 @@ from renderer.camera import Camera
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, LIMITS, UNITS
 
-FORMAT = "drape-capture-set/1"
+FORMAT: Final = "drape-capture-set/1"
 
 Vector3 = tuple[float, float, float]
 Row = tuple[float, float, float, float]
@@ -198,6 +198,18 @@ def parse_document(text: str, source: str) -> CaptureSetDocument:
         raise _as_input_error(error, source) from None
     check_references(document, source)
     return document
+
+
+def parse_camera(value: object, source: str) -> Camera:
+    """Check a camera's plain value on its own.
+
+    Raises:
+        InputError: a value is missing or unusable.
+    """
+    try:
+        return CameraDocument.model_validate(value).as_camera()
+    except ValidationError as error:
+        raise _as_input_error(error, source) from None
 
 
 def check_references(document: CaptureSetDocument, source: str) -> None:

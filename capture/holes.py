@@ -62,29 +62,19 @@ def _enclosed(known: NDArray[np.bool_], reach_px: int) -> NDArray[np.bool_]:
 def _plane_values(
     depth: Depth, known: NDArray[np.bool_], wanted: NDArray[np.bool_], sigma_px: float
 ) -> NDArray[np.float64]:
-    """Inverse depth at the wanted pixels by moving least squares with a Gaussian weight, float64 [wanted]."""
-    weight = known.astype(np.float64)
-    value = np.where(known, 1.0 / np.where(known, depth, 1.0), 0.0)
-    mean = float(value[known].mean())
-    value = np.where(known, value - mean, 0.0)
-    row, column = np.mgrid[0 : depth.shape[0], 0 : depth.shape[1]].astype(np.float64)
-
-    def moment(field: NDArray[np.float64]) -> NDArray[np.float64]:
-        smoothed: NDArray[np.float64] = ndimage.gaussian_filter(field, sigma_px, mode="constant", truncate=3.0)
-        return smoothed[wanted]
-
-    x, y = column[wanted], row[wanted]
-    w = moment(weight)
-    wx, wy = moment(weight * column), moment(weight * row)
-    wxx, wyy, wxy = moment(weight * column**2), moment(weight * row**2), moment(weight * column * row)
-    wz, wxz, wyz = moment(value), moment(value * column), moment(value * row)
-    # Centred at the wanted pixel, with a small ridge on the slopes for lopsided neighbourhoods.
-    cx, cy = wx - w * x, wy - w * y
-    cxx, cyy = wxx - 2 * x * wx + x * x * w, wyy - 2 * y * wy + y * y * w
-    cxy = wxy - x * wy - y * wx + x * y * w
-    cxz, cyz = wxz - x * wz, wyz - y * wz
-    ridge = 1e-3 * w * sigma_px**2
-    matrix = np.stack([w, cx, cy, cx, cxx + ridge, cxy, cy, cxy, cyy + ridge], axis=-1).reshape(-1, 3, 3)
-    solution = np.linalg.solve(matrix, np.stack([wz, cxz, cyz], axis=-1)[..., None])
-    value_at: NDArray[np.float64] = solution[:, 0, 0] + mean
-    return value_at
+    """Inverse depth at the wanted pixels by a plane through their neighbours, Gaussian weights, float64 [wanted]."""
+    reach = int(np.ceil(2.5 * sigma_px))
+    dy, dx = (offset.ravel() for offset in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    row, column = np.nonzero(wanted)
+    inverse = np.pad(np.divide(1.0, depth, where=known, out=np.zeros(depth.shape, dtype=np.float64)), reach)
+    values = inverse[row[:, None] + reach + dy, column[:, None] + reach + dx]
+    weights = np.where(values > 0.0, np.exp(-0.5 * (dx**2 + dy**2) / sigma_px**2), 0.0)
+    terms = np.stack([np.ones(dx.shape), dx, dy], axis=1)
+    matrix = np.einsum("nk,ki,kj->nij", weights, terms, terms, optimize=True)
+    # A small ridge on the slopes, for lopsided neighbourhoods.
+    matrix[:, [1, 2], [1, 2]] += 1e-3 * sigma_px**2 * matrix[:, :1, 0]
+    centre = np.sum(weights * values, axis=1, keepdims=True) / matrix[:, 0, :1]
+    right = (weights * (values - centre)) @ terms
+    solution = np.linalg.solve(matrix, right[..., None])
+    at_pixel: NDArray[np.float64] = solution[:, 0, 0] + centre[:, 0]
+    return at_pixel

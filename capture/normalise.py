@@ -106,7 +106,7 @@ def normalise_depth(
     known = seen > 0.0
     if not known.any():
         raise InputError(
-            "nothing is seen where the sample should be: check camera_from_panel, or leave it null to have it estimated",
+            "nothing is seen where the sample should be: check camera_from_panel, or set it to null to have it found",
             code="nothing_in_view",
         )
     height = np.where(known, np.float32(CANONICAL_DISTANCE_M) - seen, np.float32(0.0))

@@ -19,8 +19,8 @@ def sample_corners(setup: Setup) -> NDArray[np.float64]:
     width, height = setup.sample_size_m
     left, right = (np.asarray(setup.pins_m[name], dtype=np.float64) for name in ("top_left", "top_right"))
     middle = 0.5 * (left + right)
-    free_left = middle + (-0.5 * width, -height, 0.0)
-    free_right = middle + (0.5 * width, -height, 0.0)
+    free_left = middle + np.array([-0.5 * width, -height, 0.0])
+    free_right = middle + np.array([0.5 * width, -height, 0.0])
     if setup.scene is Scene.STRETCH:
         free_right = np.asarray(setup.pins_m["bottom_right"], dtype=np.float64)
     return np.stack([left, right, free_right, free_left])

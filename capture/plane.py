@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 _TRIALS = 300
 _SUBSAMPLE = 4000
+_MAX_POINTS = 30_000
 _TUKEY = 4.685
 
 
@@ -75,7 +76,10 @@ def refine_plane(
     points: NDArray[np.float64], normal: NDArray[np.float64], offset_m: float, tolerance_m: float
 ) -> Plane:
     """Reweighted least squares from a first guess; points beyond ``tolerance_m`` of the guess never count."""
+    points = points[:: 1 + len(points) // _MAX_POINTS]
     near = points[np.abs(points @ normal - offset_m) < 3.0 * tolerance_m]
+    if len(near) < 10:
+        return Plane(normal, offset_m, tolerance_m, 0.0)
     centre = near.mean(axis=0)
     spread = tolerance_m
     for _ in range(12):
@@ -85,8 +89,7 @@ def refine_plane(
             break
         mean = np.average(near, axis=0, weights=weight)
         moved = near - mean
-        values, vectors = np.linalg.eigh((moved * weight[:, None]).T @ moved)
-        normal = vectors[:, 0]
+        normal = np.linalg.eigh((moved * weight[:, None]).T @ moved)[1][:, 0]
         offset_m = float(normal @ mean)
         spread = max(1.4826 * float(np.median(np.abs(near @ normal - offset_m))), 1e-5)
     if normal @ centre > 0.0:  # towards the camera, which stands at the origin

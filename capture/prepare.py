@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
+from capture.camera_rig import share_pose
 from capture.capture_set import Capture
 from capture.normalise import NetworkInput, normalise_depth
 from capture.picture import Depth
 from capture.register import Registration, given_registration, register
 from capture.segment import ClothRegion, segment_cloth
+from renderer.camera import Camera
 from simcore.errors import InputError
 
 
@@ -32,22 +36,76 @@ class PreparedCapture:
 
 
 def prepare(capture: Capture) -> PreparedCapture:
-    """Read, segment, register and normalise one capture.
+    """Read, segment, register and normalise one capture by itself.
 
     Raises:
         InputError: an unusable picture, no cloth in it, or pins that do not fit the set-up; the message names the
             capture.
     """
+    return next(prepare_all([capture]))
+
+
+def prepare_all(captures: Sequence[Capture]) -> Iterator[PreparedCapture]:
+    """Read, segment, register and normalise captures, in their order.
+
+    Captures without a pose that share a camera are taken to be of one camera that stood still (see
+    :func:`capture.camera_rig.share_pose`), unless they say otherwise: where their own ``setup`` speaks of
+    ``camera_from_panel``, they are registered by themselves.
+
+    Raises:
+        InputError: as :func:`prepare`; all captures are registered before the first is handed out.
+    """
+    regions = [_find_cloth(capture) for capture in captures]
+    registrations: dict[int, Registration] = {}
+
+    for group in _same_camera(captures):
+        alone = [partial(_register, captures[i], regions[i]) for i in group]
+        shared = share_pose([captures[i].scene for i in group], alone)
+        registrations |= dict(zip(group, shared, strict=True))
+    for index in range(len(captures)):
+        if index not in registrations:
+            registrations[index] = _register(captures[index], regions[index])
+    return (
+        _finish(capture, region, registrations[index])
+        for index, (capture, region) in enumerate(zip(captures, regions, strict=True))
+    )
+
+
+def _find_cloth(capture: Capture) -> ClothRegion:
     depth = capture.read_depth()
     try:
-        region = segment_cloth(depth, capture.camera, capture.setup, capture.camera_from_panel)
-        if capture.camera_from_panel is not None:
-            registration = given_registration(capture.camera_from_panel)
-        else:
-            registration = register(depth, capture.camera, capture.setup, region)
-        network_input = normalise_depth(
-            depth, capture.camera, registration.camera_from_panel, capture.setup, cloth=region.mask
-        )
+        return segment_cloth(depth, capture.camera, capture.setup, capture.camera_from_panel)
     except InputError as error:
-        raise InputError(f"capture {capture.id!r} ({capture.depth_path}): {error}", code=error.code) from None
+        raise _named(capture, error) from None
+
+
+def _register(capture: Capture, region: ClothRegion) -> Registration:
+    if capture.camera_from_panel is not None:
+        return given_registration(capture.camera_from_panel)
+    try:
+        return register(capture.read_depth(), capture.camera, capture.setup, region)
+    except InputError as error:
+        raise _named(capture, error) from None
+
+
+def _finish(capture: Capture, region: ClothRegion, registration: Registration) -> PreparedCapture:
+    depth, pose = capture.read_depth(), registration.camera_from_panel
+    try:
+        network_input = normalise_depth(depth, capture.camera, pose, capture.setup, cloth=region.mask)
+    except InputError as error:
+        raise _named(capture, error) from None
     return PreparedCapture(capture, depth, region, registration, network_input)
+
+
+def _same_camera(captures: Sequence[Capture]) -> list[list[int]]:
+    """Indices of captures without a pose, grouped by camera; those with their own word on the pose stay apart."""
+    groups: dict[Camera, list[int]] = {}
+    for index, capture in enumerate(captures):
+        own = capture.document.setup is not None and "camera_from_panel" in capture.document.setup.model_fields_set
+        if capture.camera_from_panel is None and not own:
+            groups.setdefault(capture.camera, []).append(index)
+    return list(groups.values())
+
+
+def _named(capture: Capture, error: InputError) -> InputError:
+    return InputError(f"capture {capture.id!r} ({capture.depth_path}): {error}", code=error.code)

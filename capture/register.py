@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.edges import align_edges
 from capture.holes import fill_small_holes, step_threshold_m
 from capture.picture import Depth
 from capture.plane import Plane
@@ -32,9 +33,11 @@ class Registration:
 
     Attributes:
         camera_from_panel: float64 [4, 4].
-        method: ``given``, ``panel_and_pins``, ``hanging_pins`` or ``three_pins``.
+        method: ``given``, ``panel_and_pins`` (hanging, panel seen), ``panel_and_edges`` (stretch, panel seen),
+            ``hanging_pins`` or ``three_pins`` (no panel seen).
         pins_found_m: the sample's pinned corners as seen, in the panel frame found, by name.
-        pin_error_m: root mean square distance between them and the pins of the set-up; None for a given pose.
+        pin_error_m: root mean square distance between them and the pins of the set-up; None where the pose did not
+            come from this picture's corners.
         assumed: what was taken for granted, in words.
     """
 
@@ -53,7 +56,8 @@ def given_registration(camera_from_panel: NDArray[np.float64]) -> Registration:
 def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) -> Registration:
     """Estimate ``camera_from_panel``.
 
-    With a panel in view, its plane gives z and the pinned corners the rest. Without, in ``hanging``, the line through
+    With a panel in view, its plane gives z; the pinned corners (``hanging``) or the steps along the sample's edges
+    (``stretch``) give the rest. Without, in ``hanging``, the line through
     the two pinned corners gives x, and down is where the cloth's centre of mass hangs below that line (what hangs at
     rest from a level axis has its weight straight below it); in ``stretch`` the three pinned corners give the pose.
 
@@ -70,9 +74,14 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
     frame = _first_frame(points, region.plane)
     corners = _corners(points, frame, setup.scene)
     expected = {name: np.asarray(setup.pins_m[name], dtype=np.float64) for name in PIN_NAMES[setup.scene]}
-    if region.plane is not None:
+    if region.plane is not None and setup.scene is Scene.STRETCH:
+        middle = 0.5 * (corners["top_left"] + corners["top_right"])
+        middle -= region.plane.height(middle) * region.plane.normal
+        pose, method = align_edges(depth, camera, setup, region.plane, frame, middle), "panel_and_edges"
+        assumed = ["the sample's edges run straight between its pins"]
+    elif region.plane is not None:
         pose, method = _panel_pose(corners, expected, region.plane), "panel_and_pins"
-        assumed = ["the panel is upright", "the cloth's highest visible corners are the pinned ones"]
+        assumed = ["the cloth's outermost visible corners are the pinned ones"]
     elif setup.scene is Scene.HANGING:
         pose = _hanging_pose(corners, expected, _centre_of_mass(depth, camera, region))
         method = "hanging_pins"
@@ -84,6 +93,9 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
         assumed.append("the panel is hidden: its plane passes through the pins")
     inverse = invert_pose(pose)
     found = {name: inverse[:3, :3] @ corner + inverse[:3, 3] for name, corner in corners.items()}
+    pins = {name: (float(p[0]), float(p[1]), float(p[2])) for name, p in found.items()}
+    if method == "panel_and_edges":  # the corners did not count: their cloth lies too close to the panel to be seen
+        return Registration(pose, method, pins, None, tuple(assumed))
     error = float(np.sqrt(np.mean([np.sum((found[name] - expected[name]) ** 2) for name in found])))
     if error > MAX_PIN_ERROR * max(setup.sample_size_m):
         raise InputError(
@@ -91,7 +103,6 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
             "sample_size_m and pins_m, or give camera_from_panel",
             code="pins_not_found",
         )
-    pins = {name: (float(p[0]), float(p[1]), float(p[2])) for name, p in found.items()}
     return Registration(pose, method, pins, error, tuple(assumed))
 
 
@@ -126,11 +137,17 @@ def _corners(points: NDArray[np.float64], frame: NDArray[np.float64], scene: Sce
 def _panel_pose(
     corners: dict[str, NDArray[np.float64]], expected: dict[str, NDArray[np.float64]], plane: Plane
 ) -> NDArray[np.float64]:
-    """Pose from the panel's plane and the corners' places on it."""
+    """Pose from the panel's plane and the corners' places on it.
+
+    Right at a pin the cloth does not stand out of the panel: the corners seen lie inwards of the pins, along the
+    diagonals. What they lack in distance sideways they lack in height too.
+    """
     z = plane.normal
-    on_panel = [corner - plane.height(corner) * z for corner in corners.values()]
-    flat = [np.array([pin[0], pin[1], 0.0]) for pin in expected.values()]
-    return _rigid_fit(flat, on_panel, normal=z)
+    left, right = (corners[name] - plane.height(corners[name]) * z for name in ("top_left", "top_right"))
+    pose = _rigid_fit([expected["top_left"], expected["top_right"]], [left, right], normal=z)
+    lacking = 0.5 * float(np.linalg.norm(expected["top_right"] - expected["top_left"]) - np.linalg.norm(right - left))
+    pose[:3, 3] += np.clip(lacking, 0.0, 0.015) * pose[:3, 1]
+    return pose
 
 
 def _rigid_fit(

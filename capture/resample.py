@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 from renderer.camera import Camera
+
+T = TypeVar("T", bound=np.generic)
 
 _MAX_SPAN_PX = 16
 """Triangles larger than this in the target picture are not drawn: too little is known between their corners."""
@@ -27,44 +32,52 @@ def resample(
         z-depth in the target camera, float32 [target.height, target.width], 0 = nothing drawn. Exact on flat parts:
         inverse depth is interpolated.
     """
-    z = np.where(usable & (points[..., 2] > 1e-3), points[..., 2], np.nan)
-    with np.errstate(invalid="ignore"):
-        column = points[..., 0] / z * target.fx + target.cx
-        row = points[..., 1] / z * target.fy + target.cy
-    corners = _triangles(np.isfinite(z), depth, step_m)
-    x, y, inverse = column.ravel()[corners], row.ravel()[corners], (1.0 / z).ravel()[corners]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        inverse = 1.0 / np.where(points[..., 2] > 1e-3, points[..., 2], np.nan)
+        x = points[..., 0] * inverse * target.fx + target.cx
+        y = points[..., 1] * inverse * target.fy + target.cy
+        near = (np.abs(x - target.cx) < target.cx + _MAX_SPAN_PX) & (np.abs(y - target.cy) < target.cy + _MAX_SPAN_PX)
+    corners = _triangles(usable & near, depth, step_m)
     nearest = np.zeros(target.height * target.width)
-    _draw(x, y, inverse, target, nearest)
+    _draw(
+        [x.ravel()[k] for k in corners],
+        [y.ravel()[k] for k in corners],
+        [inverse.ravel()[k] for k in corners],
+        target,
+        nearest,
+    )
     with np.errstate(divide="ignore"):
         seen = np.where(nearest > 0.0, 1.0 / nearest, 0.0)
     return seen.reshape(target.height, target.width).astype(np.float32)
 
 
-def _triangles(valid: NDArray[np.bool_], depth: NDArray[np.floating], step_m: float) -> NDArray[np.int64]:
-    """Corner indices, int64 [T, 3]: two triangles where all four pixels of a cell are valid, one where three are."""
-    height, width = valid.shape
-    index = np.arange(height * width).reshape(height, width)
-    a, b, c, d = (_corner(index, k) for k in range(4))
+def _triangles(
+    valid: NDArray[np.bool_], depth: NDArray[np.floating], step_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Three corner indices, each int64 [T]: two triangles where all pixels of a cell are valid, one where three are."""
+    a = np.arange(depth.size).reshape(depth.shape)[:-1, :-1]
     va, vb, vc, vd = (_corner(valid, k) for k in range(4))
     za, zb, zc, zd = (_corner(depth, k) for k in range(4))
     # Cut along the diagonal with the smaller step, so that silhouettes stay where they are.
-    falling = np.abs(za - zd) <= np.abs(zb - zc)
-    falling = np.where(va & vd, falling | ~(vb & vc), False)
-    parts = []
-    for mask, triple in (
-        (falling & va & vc & vd, (a, c, d)),
-        (falling & va & vd & vb, (a, d, b)),
-        (~falling & va & vc & vb, (a, c, b)),
-        (~falling & vb & vc & vd, (b, c, d)),
+    falling = va & vd & ((np.abs(za - zd) <= np.abs(zb - zc)) | ~(vb & vc))
+    rising = ~falling & vb & vc
+    right, below = 1, depth.shape[1]
+    parts: list[tuple[NDArray[np.int64], ...]] = []
+    for mask, depths, steps in (
+        (falling & vc, (za, zc, zd), (0, below, below + right)),
+        (falling & vb, (za, zd, zb), (0, below + right, right)),
+        (rising & va, (za, zc, zb), (0, below, right)),
+        (rising & vd, (zb, zc, zd), (right, below, below + right)),
     ):
-        parts.append(np.stack([corner[mask] for corner in triple], axis=1))
-    corners = np.concatenate(parts)
-    z = depth.ravel()[corners]
-    joined: NDArray[np.int64] = corners[z.max(axis=1) - z.min(axis=1) <= step_m]
-    return joined
+        farthest = np.maximum(np.maximum(depths[0], depths[1]), depths[2])
+        closest = np.minimum(np.minimum(depths[0], depths[1]), depths[2])
+        first = a[mask & (farthest - closest <= step_m)]
+        parts.append(tuple(first + step for step in steps))
+    p, q, r = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    return p, q, r
 
 
-def _corner(grid: NDArray[np.generic], k: int) -> NDArray[np.generic]:
+def _corner(grid: NDArray[T], k: int) -> NDArray[T]:
     """The grid at the top left, top right, bottom left or bottom right corner of every cell."""
     rows = slice(k // 2, grid.shape[0] - 1 + k // 2)
     columns = slice(k % 2, grid.shape[1] - 1 + k % 2)
@@ -72,39 +85,38 @@ def _corner(grid: NDArray[np.generic], k: int) -> NDArray[np.generic]:
 
 
 def _draw(
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    inverse: NDArray[np.float64],
+    x: Sequence[NDArray[np.float64]],
+    y: Sequence[NDArray[np.float64]],
+    inverse: Sequence[NDArray[np.float64]],
     target: Camera,
     nearest: NDArray[np.float64],
 ) -> None:
-    """Draw triangles, corners [T, 3], into a buffer of inverse depths [height * width], the largest winning."""
-    left = np.maximum(np.ceil(x.min(axis=1) - 1e-9), 0).astype(np.int64)
-    right = np.minimum(np.floor(x.max(axis=1) + 1e-9), target.width - 1).astype(np.int64)
-    top = np.maximum(np.ceil(y.min(axis=1) - 1e-9), 0).astype(np.int64)
-    bottom = np.minimum(np.floor(y.max(axis=1) + 1e-9), target.height - 1).astype(np.int64)
+    """Draw triangles, three corners each [T], into a buffer of inverse depths [height * width], the largest winning."""
+    left, right = _span(x, target.width)
+    top, bottom = _span(y, target.height)
     wide, high = right - left, bottom - top
     keep = (wide >= 0) & (high >= 0) & (wide < _MAX_SPAN_PX) & (high < _MAX_SPAN_PX)
-    x, y, inverse, left, top, wide, high = (part[keep] for part in (x, y, inverse, left, top, wide, high))
+    x, y, inverse = ([corner[keep] for corner in part] for part in (x, y, inverse))
+    left, top, wide, high = left[keep], top[keep], wide[keep], high[keep]
     for step_y in range(int(high.max(initial=-1)) + 1):
         for step_x in range(int(wide.max(initial=-1)) + 1):
             here = np.flatnonzero((wide >= step_x) & (high >= step_y))
             px, py = left[here] + step_x, top[here] + step_y
-            weights = _barycentric(x[here], y[here], px, py)
-            inside = np.all(weights >= -1e-9, axis=1)
-            value = np.sum(weights[inside] * inverse[here[inside]], axis=1)
-            np.maximum.at(nearest, py[inside] * target.width + px[inside], value)
+            ax, bx, cx = (corner[here] - px for corner in x)
+            ay, by, cy = (corner[here] - py for corner in y)
+            wa, wb, wc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+            area = wa + wb + wc
+            slack = -1e-9 * np.abs(area)
+            sign = np.sign(area)
+            inside = (wa * sign >= slack) & (wb * sign >= slack) & (wc * sign >= slack) & (np.abs(area) > 1e-12)
+            chosen = here[inside]
+            total = wa[inside] * inverse[0][chosen] + wb[inside] * inverse[1][chosen] + wc[inside] * inverse[2][chosen]
+            np.maximum.at(nearest, py[inside] * target.width + px[inside], total / area[inside])
 
 
-def _barycentric(
-    x: NDArray[np.float64], y: NDArray[np.float64], px: NDArray[np.int64], py: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Barycentric weights of pixels in triangles, float64 [T, 3]; -1 in triangles without area."""
-    ax, ay = x[:, 0] - px, y[:, 0] - py
-    bx, by = x[:, 1] - px, y[:, 1] - py
-    cx, cy = x[:, 2] - px, y[:, 2] - py
-    weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx], axis=1)
-    area = weights.sum(axis=1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share: NDArray[np.float64] = np.where(np.abs(area) > 1e-12, weights / area, -1.0)
-    return share
+def _span(corners: Sequence[NDArray[np.float64]], size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last whole pixel between the corners' smallest and largest coordinate, within the picture."""
+    low = np.minimum(np.minimum(corners[0], corners[1]), corners[2])
+    high = np.maximum(np.maximum(corners[0], corners[1]), corners[2])
+    first = np.maximum(np.ceil(low - 1e-9), 0.0).astype(np.int64)
+    return first, np.minimum(np.floor(high + 1e-9), size - 1.0).astype(np.int64)

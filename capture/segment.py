@@ -74,10 +74,7 @@ def segment_cloth(
     pose = None if camera_from_panel is None else check_pose(camera_from_panel)
     noise = noise_m(depth, camera)
     plane = find_panel(depth, camera, setup, pose) if setup.panel else None
-    if plane is None:
-        standing = _foreground(depth, camera, setup)
-    else:
-        standing = _in_front(depth, camera, setup, plane, pose)
+    standing = _foreground(depth, camera, setup) if plane is None else _in_front(depth, camera, setup, plane, pose)
     mask = standing
     if pose is not None and plane is not None:
         mask = standing | (expected_outline(camera, pose, setup) & (depth > 0.0))

@@ -1,0 +1,77 @@
+"""One camera that does not move between captures: what all of them say of its pose, put together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.register import Registration
+from simcore.errors import InputError
+from simcore.scenes import Scene
+
+MAX_SPREAD_M = 0.015
+"""Poses further apart than this [m] are not of one fixed camera."""
+
+MAX_SPREAD_RAD = float(np.radians(2.0))
+"""Poses turned against each other by more than this are not of one fixed camera."""
+
+
+def common_pose(poses: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | None:
+    """Median position and mean rotation of several estimates of one pose, or None where they do not agree.
+
+    Args:
+        poses: ``camera_from_panel``, each [4, 4].
+
+    Returns:
+        float64 [4, 4], or None: fewer than half lie within :data:`MAX_SPREAD_M` and :data:`MAX_SPREAD_RAD` of the
+        middle, so that the camera has moved, or some estimate is badly wrong.
+    """
+    from scipy.spatial.transform import Rotation
+
+    stack = np.stack(poses)
+    middle = np.median(stack[:, :3, 3], axis=0)
+    rotations = Rotation.from_matrix(stack[:, :3, :3])
+    near = np.linalg.norm(stack[:, :3, 3] - middle, axis=1) < MAX_SPREAD_M
+    if near.any():
+        near &= (rotations[near].mean().inv() * rotations).magnitude() < MAX_SPREAD_RAD
+    if np.count_nonzero(near) * 2 <= len(poses):
+        return None
+    pose = np.eye(4)
+    pose[:3, :3] = rotations[near].mean().as_matrix()
+    pose[:3, 3] = np.median(stack[near, :3, 3], axis=0)
+    return pose
+
+
+def share_pose(scenes: Sequence[Scene], alone: Sequence[Callable[[], Registration]]) -> list[Registration]:
+    """Register the captures of one camera, which stood still unless they say otherwise.
+
+    ``hanging`` pictures show the pinned corners clearly, ``stretch`` pictures do not: where there are both, the pose
+    comes from the hanging ones. Where the estimates do not agree, each capture keeps its own.
+
+    Args:
+        scenes: of the captures.
+        alone: for each capture, what registers it by itself; called only where it is needed.
+
+    Raises:
+        InputError: a capture cannot be registered and there is no common pose.
+    """
+    hanging = [i for i, scene in enumerate(scenes) if scene is Scene.HANGING]
+    votes: dict[int, Registration] = {}
+    failures: list[InputError] = []
+    for i in hanging or range(len(scenes)):
+        try:
+            votes[i] = alone[i]()
+        except InputError as error:
+            failures.append(error)
+    pose = common_pose([vote.camera_from_panel for vote in votes.values()]) if len(scenes) > 1 and votes else None
+    if pose is None:
+        if failures:
+            raise failures[0]
+        return [votes.get(i) or alone[i]() for i in range(len(scenes))]
+    note = f"the camera stood still over {len(scenes)} captures; {len(votes)} gave its pose"
+    example = replace(next(iter(votes.values())), pins_found_m={}, pin_error_m=None)
+    shared = [votes.get(i, example) for i in range(len(scenes))]
+    return [replace(own, camera_from_panel=pose, assumed=(*own.assumed, note)) for own in shared]
