@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+from collections import Counter
+from itertools import islice
+
+import numpy as np
+import pytest
+import torch
+
+from simcore.errors import InputError
+from trainer.dataset import PairStream, Partition, batches, decode_heights, encode_heights, pair_up
+from trainer.split import split_materials
+
+from .conftest import AnalyticSource
+
+SOURCE = AnalyticSource(materials=12, jitters=2, size=32, shard_materials=2)
+
+
+def _materials(stream: PairStream) -> list[int]:
+    return [int(pair[3]) for pair in stream]
+
+
+def _stream(**options: object) -> PairStream:
+    return PairStream(SOURCE, SOURCE.table(), size=32, passes=1, **options)  # type: ignore[arg-type]
+
+
+def test_a_pass_shows_every_picture_once() -> None:
+    seen: Counter[bytes] = Counter()
+    for heights, present, *_ in _stream(seed=3):
+        for picture in heights[present]:
+            seen[picture.numpy().tobytes()] += 1
+    everything = SOURCE.read(SOURCE.table().row)
+    assert seen == Counter(picture.numpy().tobytes() for picture in everything)
+
+
+def test_orders_follow_the_seed_and_differ_between_passes() -> None:
+    assert _materials(_stream(seed=1)) == _materials(_stream(seed=1)) != _materials(_stream(seed=2))
+    endless = PairStream(SOURCE, SOURCE.table(), size=32, seed=1)
+    pairs = [int(pair[3]) for pair in islice(endless, 48)]
+    assert Counter(pairs[:24]) == Counter(pairs[24:]) and pairs[:24] != pairs[24:]
+
+
+def test_ranks_share_the_shards_without_overlap() -> None:
+    parts = [set(_materials(_stream(partition=Partition(rank, 3)))) for rank in range(3)]
+    assert set.union(*parts) == set(range(12))
+    assert sum(map(len, parts)) == 12
+
+
+def test_more_loaders_than_shards_is_refused() -> None:
+    with pytest.raises(InputError, match="7 loaders but only 6 shards") as caught:
+        next(iter(_stream(partition=Partition(0, 7))))
+    assert caught.value.code == "too_few_shards"
+
+
+def test_spawned_workers_read_the_same_pictures() -> None:
+    here = Counter(int(m) for batch in batches(_stream(), 4) for m in batch.material)
+    there = Counter(int(m) for batch in batches(_stream(), 4, workers=2) for m in batch.material)
+    assert here == there
+
+
+def test_pairs_join_scenes_of_one_material_and_tolerate_gaps() -> None:
+    table = SOURCE.table()
+    table = table.take(~((table.material == 3) & (table.scene == 1)) & ~((table.material == 4) & (table.row % 4 == 0)))
+    pairs = pair_up(table, np.random.default_rng(0))
+    used = pairs[pairs >= 0]
+    assert sorted(used) == list(range(len(table)))
+    for hanging, stretch in pairs:
+        if hanging >= 0 and stretch >= 0:
+            assert table.material[hanging] == table.material[stretch]
+            assert (table.scene[hanging], table.scene[stretch]) == (0, 1)
+
+
+def test_cache_gives_the_same_pictures() -> None:
+    cached = PairStream(SOURCE, SOURCE.table(), size=16, passes=2, shuffled=False)
+    uncached = PairStream(SOURCE, SOURCE.table(), size=16, passes=2, shuffled=False, cache_bytes=0)
+    assert all(torch.equal(a[0], b[0]) for a, b in zip(cached, uncached, strict=True))
+
+
+def test_heights_survive_their_code() -> None:
+    heights = torch.tensor([[[-0.0123, 0.0], [0.25, 0.00004]]])[:, None]
+    assert torch.allclose(decode_heights(encode_heights(heights)), heights, atol=5.1e-5)
+
+
+def test_split_is_by_material_reproducible_and_covers() -> None:
+    materials = np.repeat(np.arange(100), 7)
+    split = split_materials(materials, seed=5, train_share=0.8, calibration_share=0.1)
+    assert [len(split.train), len(split.calibration), len(split.test)] == [80, 10, 10]
+    assert sorted(np.concatenate([split.train, split.calibration, split.test])) == list(range(100))
+    again = split_materials(materials[::-1], seed=5, train_share=0.8, calibration_share=0.1)
+    assert np.array_equal(split.test, again.test)
+    with pytest.raises(InputError, match="larger store"):
+        split_materials(np.arange(4), seed=0, train_share=0.8, calibration_share=0.1)

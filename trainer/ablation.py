@@ -1,0 +1,133 @@
+"""The paper's ablation as a ladder of configurations, and which inputs matter; one command trains them all.
+
+    python -m trainer.ablation --store store.zarr --out ablation/
+
+Source: the paper's tables "Ablation study" and "Results varying the input".
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from trainer.config import AugmentConfig, TrainConfig
+from trainer.dataset import PictureSource
+from trainer.evaluate import Metrics, evaluate
+from trainer.presets import preset_config
+from trainer.split import split_materials
+from trainer.train import train
+
+
+def ladder(base: TrainConfig, *, pretrained: bool) -> dict[str, TrainConfig]:
+    """From the paper's baseline upwards, each step adding to the one before; then this project's own steps.
+
+    Args:
+        base: sizes, length and seed of every run.
+        pretrained: include ImageNet weights (full trunk only); without them that step is left out.
+    """
+    plain = replace(base.network, attention=False, average_pooling=False, height_channel=False, targets="log")
+    step = replace(
+        base,
+        network=plain,
+        augment=AugmentConfig.off(),
+        inclinations="upright",
+        pretrained=False,
+        fusion_training="single",
+    )
+    steps = {"baseline": step}
+    steps["+ simulation augmentation"] = step = replace(step, inclinations="as_seen")
+    steps["+ image augmentation"] = step = replace(step, augment=AugmentConfig())
+    if pretrained:
+        steps["+ pre-training"] = step = replace(step, pretrained=True)
+    steps["+ attention"] = step = replace(step, network=replace(step.network, attention=True))
+    steps["+ average pooling (paper)"] = step = replace(step, network=replace(step.network, average_pooling=True))
+    steps["+ registered heights"] = step = replace(step, inclinations="registered")
+    steps["+ fused training"] = step = replace(step, fusion_training="subsets")
+    steps["+ targets over weight"] = step = replace(step, network=replace(step.network, targets="log_per_weight"))
+    steps["+ height channel"] = replace(step, network=replace(step.network, height_channel=True))
+    return steps
+
+
+def input_influence(base: TrainConfig) -> dict[str, TrainConfig]:
+    """Depth alone against depth and density; density alone is among every run's metrics."""
+    blind = replace(base.network, use_density=False, targets="log")
+    return {"depth": replace(base, network=blind), "density and depth": base}
+
+
+def run(source_by_inclination: Mapping[str, PictureSource], configs: Mapping[str, TrainConfig]) -> dict[str, Metrics]:
+    """Train every configuration on the same split and test it on the same upright pictures.
+
+    Args:
+        source_by_inclination: the pictures, by ``TrainConfig.inclinations``.
+    """
+    results = {}
+    for name, config in configs.items():
+        sys.stderr.write(f"training: {name}\n")
+        source = source_by_inclination[config.inclinations]
+        model = train(source, config)
+        pictures = source.table()
+        split = split_materials(
+            pictures.material,
+            seed=config.seed,
+            train_share=config.train_share,
+            calibration_share=config.calibration_share,
+        )
+        results[name] = evaluate(model.network, source, pictures.upright(), split, model.scaling, model.intervals)
+    return results
+
+
+def table(results: Mapping[str, Metrics], predictor: str = "hanging+stretch") -> str:
+    """Markdown: a row a configuration; error over the training range (paper's), typical factor and Spearman."""
+    lines = [
+        "| configuration | stretch: l1 | factor | r | bending: l1 | factor | r |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, metrics in results.items():
+        cells = []
+        for prefix in ("stretch", "bending"):
+            cells += [
+                f"{metrics.average(predictor, 'mae_range', prefix):.3f}",
+                f"{math.exp(metrics.average(predictor, 'mae_log', prefix)):.2f}",
+                f"{metrics.average(predictor, 'spearman', prefix):.3f}",
+            ]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Train the ladder and the input comparison on a store; write `ablation.json` and `ablation.md`."""
+    from trainer.store_source import StoreSource
+
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--store", required=True)
+    parser.add_argument("--out", required=True, type=Path)
+    parser.add_argument("--preset", default="quick", help="sizes and length of every run")
+    parser.add_argument("--epochs", type=int)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--pretrained", action="store_true", help="include ImageNet weights (full trunk)")
+    options = parser.parse_args()
+    base = preset_config(options.preset).with_values({"epochs": options.epochs, "seed": options.seed}, {})
+    sources: dict[str, PictureSource] = {
+        "upright": StoreSource(options.store),
+        "registered": StoreSource(options.store),
+        "as_seen": StoreSource(options.store, "as_seen"),
+    }
+    steps = run(sources, ladder(base, pretrained=options.pretrained))
+    inputs = run(sources, input_influence(base))
+    parts = ["Ablation, both scenes\n", table(steps)]
+    for scenes in ("hanging", "stretch", "hanging+stretch"):
+        parts += [f"\nInputs: {scenes}\n", table(inputs, scenes)]
+    parts += ["\nDensity alone\n", table({"density": next(iter(inputs.values()))}, "density")]
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "ablation.md").write_text("\n".join(parts) + "\n", encoding="utf-8")
+    documents = {name: metrics.to_json() for name, metrics in {**steps, **inputs}.items()}
+    (options.out / "ablation.json").write_text(json.dumps(documents, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""Where the network looks: XGradCAM maps, aggregated per parameter and scene.
+
+Source: Fu et al. 2020, "Axiom-based Grad-CAM", equation 8; the paper's section "Neural Saliency Maps".
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from simcore.parameters import ESTIMATED_NAMES
+from trainer.dataset import SCENES, PairStream, PictureSource, PictureTable, batches
+from trainer.model import TrainedModel, load_model
+from trainer.network import DrapeNetwork, Features, fuse
+from trainer.preprocess import network_images
+
+_LEAST_SUM = 1e-7
+
+
+@dataclass(frozen=True)
+class SaliencyMaps:
+    """Mean maps in [0, 1].
+
+    Attributes:
+        maps: scene name -> float32, shape [6 parameters, size, size].
+        pictures: scene name -> number of pictures behind them.
+    """
+
+    maps: dict[str, NDArray[np.float32]]
+    pictures: dict[str, int]
+
+
+def xgradcam(network: DrapeNetwork, images: Tensor, density: Tensor, output: int) -> Tensor:
+    """XGradCAM maps of single pictures.
+
+    The weight of a channel is the sum of gradient times activation over the sum of the activations; the map is the
+    positive part of the weighted activations.
+
+    Args:
+        images: float32, shape [pictures, channels, size, size], from ``network_images``.
+        density: standardised log-density, shape [pictures].
+        output: index of the parameter.
+
+    Returns:
+        float32, shape [pictures, h, w] (the last feature map's size), not scaled.
+    """
+    with torch.no_grad():
+        activation = network.feature_map(images)
+    activation = activation.detach().requires_grad_()
+    pooled = network.pool(activation)
+    present = torch.ones((len(images), 1), dtype=torch.bool)
+    fused = fuse(Features(pooled.maximum[:, None], pooled.mean[:, None]), present)
+    answer = network.regress(fused, density).mean[:, output].sum()
+    (gradient,) = torch.autograd.grad(answer, activation)
+    activation = activation.detach()
+    weights = (gradient * activation).sum(dim=(2, 3)) / (activation.sum(dim=(2, 3)) + _LEAST_SUM)
+    return functional.relu((weights[:, :, None, None] * activation).sum(dim=1))
+
+
+def aggregate(model: TrainedModel, source: PictureSource, table: PictureTable) -> SaliencyMaps:
+    """Mean map of every parameter and scene over the pictures of a table, each scaled to a maximum of 1 first."""
+    size = model.config.network.input_size
+    sums = np.zeros((len(SCENES), len(ESTIMATED_NAMES), size, size))
+    counts = [0] * len(SCENES)
+    stream = PairStream(source, table, size=size, passes=1, shuffled=False, cache_bytes=0)
+    for batch in batches(stream, 16):
+        density = torch.from_numpy(model.scaling.encode_density(batch.parameters[:, 6].numpy())).float()
+        for scene in range(len(SCENES)):
+            rows = batch.present[:, scene]
+            if not rows.any():
+                continue
+            images = network_images(batch.pictures[rows, scene], model.config.network)
+            counts[scene] += len(images)
+            for output in range(len(ESTIMATED_NAMES)):
+                maps = xgradcam(model.network, images, density[rows], output)
+                maps = maps / maps.amax(dim=(1, 2), keepdim=True).clamp_min(_LEAST_SUM)
+                large = functional.interpolate(maps[:, None], size=(size, size), mode="bilinear", align_corners=False)
+                sums[scene, output] += large[:, 0].sum(dim=0).numpy()
+    seen = [scene for scene in range(len(SCENES)) if counts[scene]]
+    return SaliencyMaps(
+        {SCENES[s].value: (sums[s] / counts[s]).astype(np.float32) for s in seen},
+        {SCENES[s].value: counts[s] for s in seen},
+    )
+
+
+def save_figure(maps: SaliencyMaps, path: Path) -> None:
+    """A row a scene, a column a parameter."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(2.0 * len(ESTIMATED_NAMES), 2.2 * len(maps.maps)), layout="constrained")
+    axes = figure.subplots(len(maps.maps), len(ESTIMATED_NAMES), squeeze=False)
+    for row, (scene, images) in zip(axes, maps.maps.items(), strict=True):
+        for axis, image, name in zip(row, images, ESTIMATED_NAMES, strict=True):
+            axis.imshow(image, cmap="inferno", vmin=0.0, vmax=float(max(image.max(), _LEAST_SUM)))
+            axis.set_title(f"{scene}\n{name}", fontsize=8)
+            axis.set_axis_off()
+    FigureCanvasAgg(figure).print_figure(str(path), dpi=120)
+
+
+def main() -> None:
+    """`python -m trainer.saliency --model model/ --store store.zarr --out maps/`."""
+    from trainer.store_source import StoreSource
+
+    parser = argparse.ArgumentParser(description="Saliency maps of a model, aggregated per parameter and scene.")
+    parser.add_argument("--model", required=True)
+    parser.add_argument("--store", required=True)
+    parser.add_argument("--out", required=True, type=Path)
+    options = parser.parse_args()
+    model = load_model(options.model)
+    source = StoreSource(options.store, model.config.inclinations)
+    maps = aggregate(model, source, source.table().upright())
+    options.out.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(options.out / "saliency.npz", allow_pickle=False, **maps.maps)
+    save_figure(maps, options.out / "saliency.png")
+    (options.out / "saliency.json").write_text(json.dumps({"pictures": maps.pictures}) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
