@@ -1,0 +1,44 @@
+"""Pictures of what was found in a capture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from capture.prepare import PreparedCapture
+
+
+def draw_registration(prepared: PreparedCapture, path: Path) -> None:
+    """Depth with the cloth's outline, and the registered height over the panel, side by side, as a PNG.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    from io import BytesIO
+
+    from matplotlib.figure import Figure
+
+    from renderer.atomic import write_atomically
+
+    depth = np.where(prepared.depth > 0.0, prepared.depth, np.nan)
+    seen = depth[prepared.region.mask & np.isfinite(depth)]
+    near, far = np.percentile(seen, [0.5, 99.5])
+    margin = 0.1 * (far - near) + 1e-3
+    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    picture = left.imshow(depth, vmin=near - margin, vmax=far + margin, cmap="viridis_r")
+    left.contour(prepared.region.mask, levels=[0.5], colors="white", linewidths=0.8)
+    if not np.array_equal(prepared.region.mask, prepared.region.standing):
+        left.contour(prepared.region.standing, levels=[0.5], colors="red", linewidths=0.8)
+    left.set_title(f"{prepared.capture.id}: depth [m], cloth (white), measured off the panel (red)", fontsize=9)
+    figure.colorbar(picture, ax=left, shrink=0.85)
+    height = np.where(prepared.network_input.mask, 1e3 * prepared.network_input.height, np.nan)
+    picture = right.imshow(height, cmap="magma")
+    right.set_title(f"height over the panel [mm], pose {prepared.registration.method.replace('_', ' ')}", fontsize=9)
+    figure.colorbar(picture, ax=right, shrink=0.85)
+    for axes in (left, right):
+        axes.set_axis_off()
+    content = BytesIO()
+    figure.savefig(content, dpi=110, format="png")
+    write_atomically(path, content.getvalue())

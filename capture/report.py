@@ -1,0 +1,148 @@
+"""What was found in a capture, in numbers, and what looks wrong with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture.picture import pixel_footprint_m
+from capture.prepare import PreparedCapture
+
+MAX_NOISE_M = 0.004
+MAX_HOLES = 0.4
+MAX_PANEL_RMS_M = 0.006
+MAX_PANEL_OFFSET_M = 0.004
+MAX_PANEL_TURN_DEG = 0.4
+MAX_PIN_ERROR_M = 0.015
+
+
+@dataclass(frozen=True)
+class PanelReport:
+    """The panel as measured, against the pose: a turned or shifted panel means a pose (or a sensor) that is off.
+
+    Attributes:
+        rms_m: of its pixels, robust: flatness and noise together.
+        distance_m: of the camera from its plane.
+        turned_deg: between its normal and the pose's.
+        offset_m: how far it lies in front (+) of the pose's plane, in the middle of the sample.
+    """
+
+    rms_m: float
+    distance_m: float
+    turned_deg: float
+    offset_m: float
+
+
+@dataclass(frozen=True)
+class CaptureReport:
+    """Findings of one capture.
+
+    Attributes:
+        id, fabric, scene, repeat: of the capture.
+        cloth_pixels: in the cloth's mask.
+        cloth_share: area of the mask over the sample's area.
+        standing_share: area that was measured in front of the panel (or on the cloth, without one), over the sample's.
+        holes: share of the cloth's pixels without data.
+        noise_m: of neighbouring pixels' depth.
+        panel: None where there is none or it is hidden.
+        pose: ``camera_from_panel``, found or given, rows of a 4 x 4 matrix.
+        pose_from: how the pose was found (see :class:`capture.register.Registration`).
+        camera_turned_deg: angle between the camera's axis and the panel's normal.
+        pin_error_m: see :class:`capture.register.Registration`.
+        pins_from: ``given``, ``pin_distance`` or ``nominal``.
+        assumed: what the pose takes for granted.
+        length_scale: the sample over a 0.5 m one.
+        known_share: share of the network's picture that was seen.
+        warnings: what looks wrong, in words.
+    """
+
+    id: str
+    fabric: str
+    scene: str
+    repeat: int
+    cloth_pixels: int
+    cloth_share: float
+    standing_share: float
+    holes: float
+    noise_m: float
+    panel: PanelReport | None
+    pose: list[list[float]]
+    pose_from: str
+    camera_turned_deg: float
+    pin_error_m: float | None
+    pins_from: str
+    assumed: tuple[str, ...]
+    length_scale: float
+    known_share: float
+    warnings: tuple[str, ...]
+
+
+def report_capture(prepared: PreparedCapture) -> CaptureReport:
+    """Numbers and warnings of a prepared capture."""
+    capture, region, pose = prepared.capture, prepared.region, prepared.registration.camera_from_panel
+    sample = capture.setup.sample_size_m[0] * capture.setup.sample_size_m[1]
+    pixel = pixel_footprint_m(np.where(region.mask, prepared.depth, np.float32(0.0)), capture.camera) ** 2
+    panel = _panel(prepared)
+    return CaptureReport(
+        id=capture.id,
+        fabric=capture.fabric.id,
+        scene=capture.scene.value,
+        repeat=capture.repeat,
+        cloth_pixels=int(np.count_nonzero(region.mask)),
+        cloth_share=float(np.count_nonzero(region.mask)) * pixel / sample,
+        standing_share=float(np.count_nonzero(region.standing)) * pixel / sample,
+        holes=region.holes,
+        noise_m=region.noise_m,
+        panel=panel,
+        pose=pose.tolist(),
+        pose_from=prepared.registration.method,
+        camera_turned_deg=float(np.degrees(np.arccos(np.clip(-pose[2, 2], -1.0, 1.0)))),
+        pin_error_m=prepared.registration.pin_error_m,
+        pins_from=capture.pins_from,
+        assumed=prepared.registration.assumed,
+        length_scale=prepared.network_input.length_scale,
+        known_share=float(prepared.network_input.mask.mean()),
+        warnings=tuple(_warnings(prepared, panel)),
+    )
+
+
+def _panel(prepared: PreparedCapture) -> PanelReport | None:
+    plane, pose = prepared.region.plane, prepared.registration.camera_from_panel
+    if plane is None:
+        return None
+    middle = pose[:3, :3] @ np.array([0.0, -0.5 * prepared.capture.setup.sample_size_m[1], 0.0]) + pose[:3, 3]
+    return PanelReport(
+        rms_m=plane.rms_m,
+        distance_m=plane.distance_m,
+        turned_deg=float(np.degrees(np.arccos(np.clip(plane.normal @ pose[:3, 2], -1.0, 1.0)))),
+        offset_m=-float(plane.height(middle)),
+    )
+
+
+def _warnings(prepared: PreparedCapture, panel: PanelReport | None) -> list[str]:
+    capture, region, registration = prepared.capture, prepared.region, prepared.registration
+    found = []
+    if region.noise_m > MAX_NOISE_M:
+        found.append(f"noise of {1e3 * region.noise_m:.1f} mm: come closer, or record more frames for the median")
+    if region.holes > MAX_HOLES:
+        found.append(
+            f"{100 * region.holes:.0f} % of the cloth has no data: shade strong lights, record more frames"
+        )
+    if capture.setup.panel and panel is None:
+        found.append("no panel is seen: set panel to false if there is none")
+    if panel is not None and panel.rms_m > max(MAX_PANEL_RMS_M, 2.0 * region.noise_m):
+        found.append(f"the panel is not flat ({1e3 * panel.rms_m:.1f} mm rms)")
+    if panel is not None and (panel.turned_deg > MAX_PANEL_TURN_DEG or abs(panel.offset_m) > MAX_PANEL_OFFSET_M):
+        found.append(
+            f"the panel is turned by {panel.turned_deg:.1f} degrees and {1e3 * panel.offset_m:+.0f} mm off the pose: "
+            "correct camera_from_panel, or set it to null to have it found"
+        )
+    if registration.pin_error_m is not None and registration.pin_error_m > MAX_PIN_ERROR_M:
+        found.append(
+            f"the pinned corners are {1e3 * registration.pin_error_m:.0f} mm from the set-up's: measure pins_m again"
+        )
+    border = np.concatenate([region.standing[0], region.standing[-1], region.standing[:, 0], region.standing[:, -1]])
+    if border.any():
+        found.append("the cloth reaches the picture's border: take the whole sample into view")
+    return found
