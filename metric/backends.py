@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Sequence
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,18 @@ class Backend(Protocol):
     def table(self, a: Sequence[Features], b: Sequence[Features]) -> NDArray[np.float64]:
         """IM of every pair, float64, shape [len(a), len(b)]."""
         ...
+
+
+@runtime_checkable
+class SquaredEuclideanBackend(Backend, Protocol):
+    """A back end whose features are vectors and whose distance is their squared Euclidean distance.
+
+    Attributes:
+        squared_distance_unit: IM for a squared distance of 1 between features.
+    """
+
+    @property
+    def squared_distance_unit(self) -> float: ...
 
 
 def distance(backend: Backend, a: DrapeRender, b: DrapeRender) -> float:

@@ -43,6 +43,7 @@ class LpipsBackend:
 
     channel = Channel.SHADED
     unit = ""
+    squared_distance_unit = 1.0 / _SCALE**2
 
     def __init__(self, net: str = "squeeze") -> None:
         if net not in LPIPS_HEADS_SHA256:
@@ -100,7 +101,7 @@ class LpipsBackend:
         lengths = {v.shape for v in (*a, *b)}
         if len(lengths) > 1:
             raise InputError("features of pictures of different size cannot be compared", code="image_size")
-        return squared_distance_table(a, b) / _SCALE**2
+        return squared_distance_table(a, b) * self.squared_distance_unit
 
     def _embed(self, batch: torch.Tensor) -> list[NDArray[np.float16]]:
         import lpips

@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from metric.backends import Backend
+import numpy as np
+from numpy.typing import NDArray
+
+from metric.backends import Backend, SquaredEuclideanBackend
+from metric.descriptor import DescriptorStore, FabricDescriptor, describe, descriptor_key, thumbnail
 from metric.drape_distance import drape_distance
 from metric.feature_cache import FeatureCache
+from metric.index import FabricIndex
 from metric.library import LibraryFabric
+from metric.render import DrapeRender
 from metric.render_cache import RenderCache
 from metric.simulate import Runner, SimulationPlan, simulate_fabrics
+from metric.sketch import Sketched
 from simcore.parameters import FabricParameters
+from simcore.scenes import Scene
+
+EXACT_UP_TO = 20
+"""Libraries of at most so many fabrics are compared with full features; larger ones by sketches (within about 1 %)."""
+
+_FABRICS_AT_A_TIME = 32  # renders of more are not held in memory at once
 
 
 @dataclass(frozen=True)
@@ -22,14 +35,29 @@ class RankedFabric:
         id: of the library's fabric.
         distance: drape distance from the reference, in the back end's unit.
         standard_error: of the distance; None with one simulation a scene.
+        pictures: by scene, a small shaded picture of the fabric's drape, uint8, shape [H, W].
     """
 
     id: str
     distance: float
     standard_error: float | None
+    pictures: dict[Scene, NDArray[np.uint8]] = field(default_factory=dict, repr=False, compare=False)
 
 
-def rank_library(
+@dataclass(frozen=True)
+class SearchResult:
+    """A library in the order of its likeness to a reference.
+
+    Attributes:
+        ranking: the nearest first; ties keep the library's order.
+        reference_pictures: as :attr:`RankedFabric.pictures`, of the reference.
+    """
+
+    ranking: list[RankedFabric]
+    reference_pictures: dict[Scene, NDArray[np.uint8]] = field(repr=False, compare=False)
+
+
+def search_library(
     reference: FabricParameters,
     library: Sequence[LibraryFabric],
     backend: Backend,
@@ -38,9 +66,11 @@ def rank_library(
     runner: Runner | None = None,
     renders: RenderCache | None = None,
     features: FeatureCache | None = None,
+    descriptors: DescriptorStore | None = None,
+    exact: bool | None = None,
     on_done: Callable[[], None] | None = None,
-) -> list[RankedFabric]:
-    """Library fabrics by drape distance from a reference, the nearest first; ties keep the library's order.
+) -> SearchResult:
+    """Library fabrics by drape distance from a reference.
 
     Args:
         reference: what to look for.
@@ -49,17 +79,76 @@ def rank_library(
         plan: how to simulate.
         runner, renders, on_done: as for :func:`metric.simulate.simulate_fabrics`.
         features: as for :func:`metric.drape_distance.drape_distance`.
+        descriptors: keeps what large libraries are searched by.
+        exact: full features rather than sketches; by default for at most :data:`EXACT_UP_TO` fabrics. Back ends that
+            have no sketches are always exact.
 
     Raises:
         SimulationError: a simulation did not come to rest.
     """
+    cache = features if features is not None else FeatureCache()
     fabrics = [reference, *(entry.parameters for entry in library)]
     # A copy of the reference in the library is another sample of it, not the same pictures again.
     firsts = [0, *(plan.simulations if entry.parameters == reference else 0 for entry in library)]
-    simulated = simulate_fabrics(fabrics, plan, first_repeats=firsts, runner=runner, cache=renders, on_done=on_done)
-    cache = features if features is not None else FeatureCache()
+
+    def simulate(chosen: Sequence[int]) -> list[dict[Scene, list[DrapeRender]]]:
+        simulated = simulate_fabrics(
+            [fabrics[k] for k in chosen],
+            plan,
+            first_repeats=[firsts[k] for k in chosen],
+            runner=runner,
+            cache=renders,
+            on_done=on_done,
+        )
+        return [s.scenes for s in simulated]
+
+    wants_exact = len(library) <= EXACT_UP_TO if exact is None else exact
+    if wants_exact or not isinstance(backend, SquaredEuclideanBackend):
+        return _rank_exactly(library, simulate(range(len(fabrics))), backend, cache)
+    sketched = Sketched(backend)
+    store = descriptors if descriptors is not None else DescriptorStore()
+    keys = [descriptor_key(f, first, plan, sketched) for f, first in zip(fabrics, firsts, strict=True)]
+    found: dict[str, FabricDescriptor] = {key: d for key in keys if (d := store.load(key)) is not None}
+    missing = [k for k, key in enumerate(keys) if key not in found]
+    for start in range(0, len(missing), _FABRICS_AT_A_TIME):
+        chosen = missing[start : start + _FABRICS_AT_A_TIME]
+        for k, sets in zip(chosen, simulate(chosen), strict=True):
+            found[keys[k]] = describe(sets, sketched, cache)
+            store.save(keys[k], found[keys[k]])
+    for _ in range((len(keys) - len(missing)) * plan.simulations * len(plan.scenes)):
+        _call(on_done)
+    ranking = rank_descriptors(library, found[keys[0]], [found[key] for key in keys[1:]], sketched)
+    return SearchResult(ranking, found[keys[0]].pictures)
+
+
+def rank_descriptors(
+    library: Sequence[LibraryFabric],
+    reference: FabricDescriptor,
+    descriptors: Sequence[FabricDescriptor],
+    backend: Sketched,
+) -> list[RankedFabric]:
+    """Library fabrics by distance of their descriptors from the reference's, the nearest first."""
+    ranking = FabricIndex(backend, descriptors).query(reference)
+    return [
+        RankedFabric(library[r.place].id, r.distance, r.standard_error, descriptors[r.place].pictures) for r in ranking
+    ]
+
+
+def _rank_exactly(
+    library: Sequence[LibraryFabric],
+    simulated: Sequence[dict[Scene, list[DrapeRender]]],
+    backend: Backend,
+    cache: FeatureCache,
+) -> SearchResult:
     found = []
     for entry, drapes in zip(library, simulated[1:], strict=True):
-        result = drape_distance(simulated[0].scenes, drapes.scenes, backend, cache=cache)
-        found.append(RankedFabric(entry.id, result.distance, result.standard_error))
-    return sorted(found, key=lambda r: r.distance)
+        result = drape_distance(simulated[0], drapes, backend, cache=cache)
+        pictures = {scene: thumbnail(sets[0]) for scene, sets in drapes.items()}
+        found.append(RankedFabric(entry.id, result.distance, result.standard_error, pictures))
+    pictures = {scene: thumbnail(sets[0]) for scene, sets in simulated[0].items()}
+    return SearchResult(sorted(found, key=lambda r: r.distance), pictures)
+
+
+def _call(on_done: Callable[[], None] | None) -> None:
+    if on_done is not None:
+        on_done()

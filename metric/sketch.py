@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from metric.backends import Backend
+from metric.backends import SquaredEuclideanBackend
 from metric.render import DrapeRender
 
 SKETCH_SIZE = 16384
@@ -20,20 +20,21 @@ class Sketched:
 
     Each entry of the vector is added, with a random sign, to one of ``size`` sums; squared distances between sketches
     are unbiased estimates of those between vectors. An LPIPS render shrinks from 4.4 MB to 64 kB. Only for back ends
-    whose ``table`` is a squared Euclidean distance (``lpips``).
+    whose distance is a squared Euclidean one (``lpips``).
 
     Args:
         inner: the back end.
         size: numbers kept.
     """
 
-    def __init__(self, inner: Backend, size: int = SKETCH_SIZE) -> None:
+    def __init__(self, inner: SquaredEuclideanBackend, size: int = SKETCH_SIZE) -> None:
         self.inner = inner
         self.size = size
         self.name = inner.name
         self.channel = inner.channel
         self.unit = inner.unit
         self.fingerprint = f"{inner.fingerprint}/sketch{size}"
+        self.squared_distance_unit = inner.squared_distance_unit
 
     def features(self, renders: Sequence[DrapeRender]) -> list[NDArray[np.float32]]:
         """Sketch of each render, float32, shape [size]."""

@@ -22,15 +22,28 @@ def mean_and_error(table: NDArray[np.float64]) -> tuple[float, float | None]:
     Returns:
         Mean, and standard error or None where N or M is 1.
     """
-    rows, columns = table.shape
-    mean = float(table.mean())
+    means, errors = means_and_errors(table[None].astype(np.float64))
+    return float(means[0]), None if math.isnan(errors[0]) else float(errors[0])
+
+
+def means_and_errors(tables: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """:func:`mean_and_error` of many tables at once.
+
+    Args:
+        tables: shape [n, N, M].
+
+    Returns:
+        Means and standard errors, each shape [n]; NaN errors where N or M is 1.
+    """
+    _, rows, columns = tables.shape
+    row_means, column_means = tables.mean(axis=2, dtype=np.float64), tables.mean(axis=1, dtype=np.float64)
+    means = row_means.mean(axis=1)
     if rows < 2 or columns < 2:
-        return mean, None
-    row_means, column_means = table.mean(axis=1), table.mean(axis=0)
-    residual = table - row_means[:, None] - column_means[None, :] + mean
-    interaction = float(np.sum(residual**2)) / ((rows - 1) * (columns - 1)) / (rows * columns)
-    variance = float(row_means.var(ddof=1)) / rows + float(column_means.var(ddof=1)) / columns - interaction
-    return mean, math.sqrt(max(variance, interaction))
+        return means, np.full(len(tables), np.nan)
+    residual = tables - row_means[:, :, None] - column_means[:, None, :] + means[:, None, None]
+    interaction = np.sum(residual**2, axis=(1, 2)) / ((rows - 1) * (columns - 1)) / (rows * columns)
+    variance = row_means.var(axis=1, ddof=1) / rows + column_means.var(axis=1, ddof=1) / columns - interaction
+    return means, np.sqrt(np.maximum(variance, interaction))
 
 
 def self_mean_and_error(table: NDArray[np.float64]) -> tuple[float, float | None]:

@@ -8,34 +8,33 @@ import typer
 
 from services.cli import console
 
-HELP = """Drape distance between two fabrics, as people see it.
-
-Simulates each fabric several times in both scenes, renders, and averages an image distance over all pairs
-(LPIPS unless --backend says otherwise).
-
-\b
-Example:
-  drapemeter distance denim.json silk.json --simulations 5 --json
-  drapemeter distance denim.json silk.json --backend depth      (needs no weights)
-"""
-
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command("distance", help=HELP)(distance)
+    app.command("distance")(distance)
 
 
 def distance(
     a: Path = typer.Argument(..., metavar="A.json", help="The seven parameters of one fabric."),
     b: Path = typer.Argument(..., metavar="B.json", help="The seven parameters of the other."),
     simulations: int = typer.Option(5, help="Simulations of each fabric in each scene."),
-    backend: str = typer.Option("lpips", help="Image distance; lpips (SqueezeNet), depth and others."),
-    resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]."),
-    seed: int = typer.Option(0, help="Seed of the initial forces."),
+    backend: str = typer.Option("lpips", help="Image distance: lpips, depth, ssim, ...; an unknown name lists them."),
+    resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]; must divide 0.5 m."),
+    seed: int = typer.Option(0, help="Of the jitter: the same seed gives the same drapes."),
     workers: int = typer.Option(0, help="Worker processes; 0 for one a core."),
     cache: bool = typer.Option(True, help="Keep renders and features between runs (folder DRAPEMETER_CACHE)."),
-    as_json: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
+    """Drape distance between two fabrics, as people see it.
+
+    Simulates each fabric several times in both scenes, renders, and averages an image distance over all pairs of
+    renders (LPIPS unless --backend says otherwise). A fabric's distance from itself is not zero: its repeats differ.
+
+    \b
+    Example:
+      drapemeter distance denim.json silk.json --simulations 5 --json
+      drapemeter distance denim.json silk.json --backend depth
+    """
     from services.cli.metric_options import caches, check_resolution, unit_text
     from simcore.parameters import FabricParameters
 
@@ -53,7 +52,9 @@ def distance(
             fabric_a, fabric_b, metric, plan, renders=renders, features=features, on_done=bar.advance
         )
     result = found.result
-    if as_json:
+    for retry in found.retries:
+        console.note(f"{retry.scene} {retry.repeat} was simulated again: {'; '.join(retry.reasons)}")
+    if json_output:
         console.emit_json(
             {
                 "distance": result.distance,
@@ -73,5 +74,3 @@ def distance(
     console.say(f"drape distance {result.distance:.4f}{error}{unit_text(result.unit)}  ({result.backend})")
     for scene, value in result.scenes.items():
         console.say(f"  {scene:<8} {value:.4f}")
-    for retry in found.retries:
-        console.note(f"{retry.scene} {retry.repeat} was simulated again: {'; '.join(retry.reasons)}")

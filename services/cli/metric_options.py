@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from metric.descriptor import DescriptorStore
     from metric.feature_cache import FeatureCache
     from metric.render_cache import RenderCache
 
@@ -34,3 +35,11 @@ def check_resolution(resolution_m: float) -> None:
 def unit_text(unit: str) -> str:
     """A unit as it follows a number."""
     return f" {unit}" if unit else ""
+
+
+def descriptor_store(keep: bool) -> DescriptorStore:
+    """Where a library's sketches are kept; memory alone where nothing is to be kept."""
+    from metric.descriptor import DescriptorStore
+    from metric.render_cache import default_cache_folder
+
+    return DescriptorStore(default_cache_folder() / "descriptors" if keep else None)

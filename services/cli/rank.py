@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from services.cli import console
+from simcore.errors import InputError
 
-HELP = """Order a library of fabrics by drape distance from a reference, the most alike first.
-
-LIBRARY is a JSON list of objects with id and the seven numbers, an object with such a list under "fabrics", or a
-CSV file with a header. Renders are kept between runs: the first query simulates, the next ones do not.
-
-\b
-Example:
-  drapemeter rank silk.json library.json --top 5 --json
-"""
+if TYPE_CHECKING:
+    from metric.library import LibraryFabric
+    from metric.search import RankedFabric, SearchResult
+    from simcore.parameters import FabricParameters
 
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command("rank", help=HELP)(rank)
+    app.command("rank")(rank)
 
 
 def rank(
@@ -29,36 +26,109 @@ def rank(
     library: Path = typer.Argument(..., metavar="LIBRARY.json", help="Fabrics with id and the seven parameters."),
     top: int = typer.Option(0, help="Only the nearest so many; 0 for all."),
     simulations: int = typer.Option(5, help="Simulations of each fabric in each scene."),
-    backend: str = typer.Option("lpips", help="Image distance; lpips (SqueezeNet), depth and others."),
-    resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]."),
-    seed: int = typer.Option(0, help="Seed of the initial forces."),
+    backend: str = typer.Option("lpips", help="Image distance: lpips, depth, ssim, ...; an unknown name lists them."),
+    resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]; must divide 0.5 m."),
+    seed: int = typer.Option(0, help="Of the jitter: the same seed gives the same drapes."),
     workers: int = typer.Option(0, help="Worker processes; 0 for one a core."),
-    cache: bool = typer.Option(True, help="Keep renders and features between runs (folder DRAPEMETER_CACHE)."),
-    as_json: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    cache: bool = typer.Option(True, help="Keep renders and sketches between runs (folder DRAPEMETER_CACHE)."),
+    exact: bool | None = typer.Option(
+        None, "--exact/--sketch", help="Full features, or sketches good to 1 %; by default full up to 20 fabrics."
+    ),
+    thumbnails: Path | None = typer.Option(None, help="Folder for a PNG of each ranked fabric in each scene."),
+    figure: Path | None = typer.Option(None, help="PNG: drape ranking beside the ranking by parameters."),
+    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
+    """Order a library of fabrics by drape distance from a reference, the most alike first.
+
+    LIBRARY is a JSON list of objects with id and the seven numbers, an object with such a list under "fabrics", or a
+    CSV file with a header. The first query simulates; what it simulated is kept, and the next ones are quick.
+
+    \b
+    Example:
+      drapemeter rank silk.json library.json --top 5 --figure search.png --json
+    """
     from metric.library import load_library
-    from services.cli.metric_options import caches, check_resolution, unit_text
-    from simcore.errors import InputError
+    from services.cli.metric_options import check_resolution
     from simcore.parameters import FabricParameters
 
     fabric = FabricParameters.load(reference)
     entries = load_library(library)
     check_resolution(resolution)
     if top < 0:
-        raise InputError(f"--top must not be negative, got {top}", code="top_out_of_range")
+        raise InputError(f"--top must not be negative, got {top}: give 0 for all", code="top_out_of_range")
     from metric.backends import get_backend
-    from metric.search import rank_library
+    from metric.search import search_library
     from metric.simulate import SimulationPlan
+    from services.cli.metric_options import caches, descriptor_store
 
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     metric = get_backend(backend)
     renders, features = caches(cache)
     with console.progress("simulating", 2 * simulations * (1 + len(entries))) as bar:
-        ranking = rank_library(fabric, entries, metric, plan, renders=renders, features=features, on_done=bar.advance)
-    ranking = ranking[:top] if top else ranking
-    if as_json:
-        console.emit_json({"ranking": ranking, "backend": metric.name, "unit": metric.unit, "simulations": simulations})
+        found = search_library(
+            fabric,
+            entries,
+            metric,
+            plan,
+            renders=renders,
+            features=features,
+            descriptors=descriptor_store(cache),
+            exact=exact,
+            on_done=bar.advance,
+        )
+    ranking = found.ranking[:top] if top else found.ranking
+    files = _write_thumbnails(ranking, thumbnails) if thumbnails is not None else {}
+    if figure is not None:
+        _write_figure(figure, fabric, entries, found, metric.name)
+    if json_output:
+        rows = [_row(entry, files.get(entry.id)) for entry in ranking]
+        settings = {"backend": metric.name, "unit": metric.unit, "simulations": simulations, "seed": seed}
+        console.emit_json({"ranking": rows, **settings, "resolution": resolution, "searched": len(entries)})
         return
+    _print(ranking, metric.unit)
+
+
+def _row(entry: RankedFabric, files: dict[str, str] | None) -> dict[str, Any]:
+    row: dict[str, Any] = {"id": entry.id, "distance": entry.distance, "standard_error": entry.standard_error}
+    return row if files is None else {**row, "thumbnails": files}
+
+
+def _print(ranking: list[RankedFabric], unit: str) -> None:
+    from services.cli.metric_options import unit_text
+
     for place, entry in enumerate(ranking, start=1):
         error = "" if entry.standard_error is None else f" ± {entry.standard_error:.4f}"
-        console.say(f"{place:>4}  {entry.distance:.4f}{error}{unit_text(metric.unit)}  {entry.id}")
+        console.say(f"{place:>4}  {entry.distance:.4f}{error}{unit_text(unit)}  {entry.id}")
+
+
+def _write_thumbnails(ranking: list[RankedFabric], folder: Path) -> dict[str, dict[str, str]]:
+    """One PNG a fabric and scene; id to scene to path."""
+    from PIL import Image
+
+    folder.mkdir(parents=True, exist_ok=True)
+    found: dict[str, dict[str, str]] = {}
+    for place, entry in enumerate(ranking, start=1):
+        found[entry.id] = {}
+        for scene, picture in entry.pictures.items():
+            path = folder / f"{place:03d}-{scene}.png"
+            Image.fromarray(picture).save(path)
+            found[entry.id][scene.value] = str(path)
+    return found
+
+
+def _write_figure(
+    path: Path, reference: FabricParameters, library: list[LibraryFabric], found: SearchResult, name: str
+) -> None:
+    """The drape ranking beside the ranking of the same fabrics by their parameters."""
+    import numpy as np
+
+    from metric.figures import search_figure
+    from metric.parameter_distance import ParameterDistance
+
+    ranking = found.ranking
+    parameters = {entry.id: entry.parameters for entry in library}
+    matrix = ParameterDistance.of_prior().matrix([reference, *(parameters[r.id] for r in ranking)])
+    order = np.argsort(matrix[0, 1:], kind="stable")
+    by_parameters = [(ranking[k].id, float(matrix[0, 1 + k]), ranking[k].pictures) for k in order]
+    by_drape = [(r.id, r.distance, r.pictures) for r in ranking]
+    search_figure(path, found.reference_pictures, {f"drape ({name})": by_drape, "parameters (z-score)": by_parameters})

@@ -6,6 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from metric.descriptor import DescriptorStore
     from metric.feature_cache import FeatureCache
     from metric.render_cache import RenderCache
 
@@ -25,3 +26,12 @@ def feature_cache() -> FeatureCache:
     from metric.render_cache import default_cache_folder
 
     return FeatureCache(default_cache_folder() / "features")
+
+
+@cache
+def descriptor_store() -> DescriptorStore:
+    """Sketches of whole fabrics, in memory and on disk."""
+    from metric.descriptor import DescriptorStore
+    from metric.render_cache import default_cache_folder
+
+    return DescriptorStore(default_cache_folder() / "descriptors")

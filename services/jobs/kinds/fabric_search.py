@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from io import BytesIO
+from typing import TYPE_CHECKING
+
 from pydantic import ConfigDict, Field
 
 from services.jobs.kinds.common import SimulationInputs, counting, simulation_runner
+from services.jobs.queue import FileContent
 from services.jobs.task import Report, Task, TaskOutput
 from services.schemas import EXAMPLE_PARAMETERS, Parameters
 from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    from metric.search import RankedFabric
 
 
 class FabricSearchInputs(SimulationInputs):
@@ -40,8 +47,8 @@ def run(task: Task, report: Report) -> TaskOutput:
     """
     from metric.backends import get_backend
     from metric.library import parse_library
-    from metric.search import rank_library
-    from services.jobs.caches import feature_cache, render_cache
+    from metric.search import search_library
+    from services.jobs.caches import descriptor_store, feature_cache, render_cache
 
     rows = task.inputs["library"]
     inputs = FabricSearchInputs.model_validate({k: v for k, v in task.inputs.items() if k != "library"})
@@ -58,7 +65,7 @@ def run(task: Task, report: Report) -> TaskOutput:
         if not library:
             raise InputError("the library holds no other fabric", code="library_empty")
     backend = get_backend(inputs.backend)
-    ranking = rank_library(
+    found_fabrics = search_library(
         reference,
         library,
         backend,
@@ -66,17 +73,39 @@ def run(task: Task, report: Report) -> TaskOutput:
         runner=simulation_runner(task.resources),
         renders=render_cache(),
         features=feature_cache(),
+        descriptors=descriptor_store(),
         on_done=counting(report, 2 * inputs.simulations * (1 + len(library)), "simulations"),
     )
+    nearest = found_fabrics.ranking[: inputs.limit]
+    thumbnails = [_thumbnails(place, fabric) for place, fabric in enumerate(nearest, start=1)]
     return TaskOutput(
         {
             "ranking": [
-                {"id": r.id, "name": names[r.id], "distance": r.distance, "standard_error": r.standard_error}
-                for r in ranking[: inputs.limit]
+                {
+                    "id": r.id,
+                    "name": names[r.id],
+                    "distance": r.distance,
+                    "standard_error": r.standard_error,
+                    "thumbnails": {scene: file.name for scene, file in files.items()},
+                }
+                for r, files in zip(nearest, thumbnails, strict=True)
             ],
             "searched": len(library),
             "simulations": inputs.simulations,
             "backend": backend.name,
             "unit": backend.unit,
-        }
+        },
+        tuple(file for files in thumbnails for file in files.values()),
     )
+
+
+def _thumbnails(place: int, fabric: RankedFabric) -> dict[str, FileContent]:
+    """A small PNG of the fabric in each scene, named by its place in the ranking."""
+    from PIL import Image
+
+    files = {}
+    for scene, picture in fabric.pictures.items():
+        stream = BytesIO()
+        Image.fromarray(picture).save(stream, format="PNG")
+        files[scene.value] = FileContent(f"{place:03d}-{scene.value}.png", "image/png", stream.getvalue())
+    return files

@@ -1,0 +1,114 @@
+"""What a library keeps of each fabric: sketches of its renders and two small pictures."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metric.drape_distance import RenderSets
+from metric.feature_cache import FeatureCache
+from metric.render import DrapeRender
+from metric.render_cache import engine_fingerprint
+from metric.simulate import SimulationPlan
+from metric.sketch import Sketched
+from simcore.parameters import FabricParameters
+from simcore.scenes import Scene
+
+_THUMBNAIL_SHRINK = 2
+
+
+@dataclass(frozen=True)
+class FabricDescriptor:
+    """One fabric as the index sees it.
+
+    Attributes:
+        sketches: by scene, one row a render, float32, shape [N, K].
+        pictures: by scene, the first repeat's shaded picture at half size, uint8, shape [H / 2, W / 2].
+    """
+
+    sketches: dict[Scene, NDArray[np.float32]]
+    pictures: dict[Scene, NDArray[np.uint8]]
+
+
+def describe(renders: RenderSets, backend: Sketched, cache: FeatureCache) -> FabricDescriptor:
+    """Descriptor of a fabric's renders.
+
+    Args:
+        renders: by scene.
+        backend: makes the sketches.
+        cache: keeps them by content.
+    """
+    return FabricDescriptor(
+        {scene: np.stack(cache.features(backend, sets)) for scene, sets in renders.items()},
+        {scene: thumbnail(sets[0]) for scene, sets in renders.items()},
+    )
+
+
+def thumbnail(render: DrapeRender) -> NDArray[np.uint8]:
+    """The shaded picture at half size, uint8, shape [H / 2, W / 2]."""
+    picture = render.need_shaded()
+    step = _THUMBNAIL_SHRINK
+    height, width = picture.shape[0] // step * step, picture.shape[1] // step * step
+    blocks = picture[:height, :width].reshape(height // step, step, width // step, step, -1).mean(axis=(1, 3, 4))
+    small: NDArray[np.uint8] = np.rint(blocks).astype(np.uint8)
+    return small
+
+
+def descriptor_key(fabric: FabricParameters, first_repeat: int, plan: SimulationPlan, backend: Sketched) -> str:
+    """Key of the descriptor that simulating and describing the fabric would give."""
+    words = [
+        engine_fingerprint(),
+        backend.fingerprint,
+        fabric.as_array().tobytes().hex(),
+        ",".join(plan.scenes),
+        *(str(n) for n in (first_repeat, plan.simulations, plan.seed)),
+        repr(plan.resolution_m),
+    ]
+    return hashlib.sha256(":".join(words).encode()).hexdigest()
+
+
+@dataclass
+class DescriptorStore:
+    """Descriptors in memory and, if a folder is given, on disk. Not thread-safe.
+
+    Attributes:
+        folder: one file a fabric; None for memory alone.
+    """
+
+    folder: Path | None = None
+    _memory: dict[str, FabricDescriptor] = field(default_factory=dict)
+
+    def load(self, key: str) -> FabricDescriptor | None:
+        """A kept descriptor, or None."""
+        if key in self._memory:
+            return self._memory[key]
+        if self.folder is None:
+            return None
+        try:
+            with np.load(self.folder / f"{key}.npz", allow_pickle=False) as data:
+                found = FabricDescriptor(
+                    {Scene(n.split("-")[1]): data[n] for n in data.files if n.startswith("sketches-")},
+                    {Scene(n.split("-")[1]): data[n] for n in data.files if n.startswith("picture-")},
+                )
+        except (FileNotFoundError, zipfile.BadZipFile, EOFError, KeyError, ValueError):
+            return None
+        self._memory[key] = found
+        return found
+
+    def save(self, key: str, descriptor: FabricDescriptor) -> None:
+        """Keep a descriptor."""
+        self._memory[key] = descriptor
+        if self.folder is None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        arrays = {f"sketches-{scene}": rows for scene, rows in descriptor.sketches.items()}
+        pictures = {f"picture-{scene}": picture for scene, picture in descriptor.pictures.items()}
+        with tempfile.NamedTemporaryFile(dir=self.folder, suffix=".part", delete=False) as stream:
+            np.savez(stream, allow_pickle=False, **arrays, **pictures)
+        Path(stream.name).replace(self.folder / f"{key}.npz")

@@ -1,0 +1,139 @@
+"""Figures of the drape distance: search, embedding, share of pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.scenes import Scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+Pictures = Mapping[Scene, NDArray[np.uint8]]
+"""Small shaded pictures of one fabric by scene."""
+
+
+def search_figure(
+    path: Path, reference: Pictures, rows: Mapping[str, Sequence[tuple[str, float, Pictures]]], *, columns: int = 6
+) -> None:
+    """The paper's search figure: the reference, and one row of nearest fabrics a metric.
+
+    Args:
+        path: the picture to write.
+        reference: pictures of what was looked for.
+        rows: name of a metric to its ranking: label, distance and pictures of each fabric, nearest first.
+        columns: fabrics shown a row.
+    """
+    shown = min(columns, max(len(ranking) for ranking in rows.values()))
+    figure = new_figure(1.6 * (shown + 1), 2.2 * len(rows))
+    grid = figure.subplots(len(rows), shown + 1, squeeze=False)
+    for line, (metric, ranking) in zip(grid, rows.items(), strict=True):
+        _show(line[0], reference, "reference")
+        line[0].set_ylabel(metric, fontsize=8)
+        for axes, (label, distance, pictures) in zip(line[1:], ranking, strict=False):
+            _show(axes, pictures, f"{label}\n{distance:.3g}")
+        for axes in line[1 + len(ranking) :]:
+            axes.axis("off")
+    _save(figure, path)
+
+
+def embedding_figure(
+    path: Path, points: NDArray[np.float64], labels: Sequence[str], pictures: Sequence[Pictures], *, title: str = ""
+) -> None:
+    """Fabrics in the plane, each as its drape and its name.
+
+    Args:
+        path: the picture to write.
+        points: shape [n, 2].
+        labels: n names.
+        pictures: n fabrics' pictures; empty ones are drawn as points.
+        title: of the figure.
+    """
+    from matplotlib.offsetbox import AnnotationBbox, OffsetImage
+
+    figure = new_figure(9.0, 7.0)
+    axes = figure.subplots()
+    axes.scatter(points[:, 0], points[:, 1], s=12, color="tab:blue")
+    for point, label, shown in zip(points, labels, pictures, strict=True):
+        if shown:
+            image = OffsetImage(_side_by_side(shown), zoom=0.42, cmap="gray", norm=_grey_norm())
+            axes.add_artist(AnnotationBbox(image, tuple(point), pad=0.1, bboxprops={"linewidth": 0.3}))
+        axes.annotate(
+            label, tuple(point), (0, -36 if shown else -10), textcoords="offset points", ha="center", fontsize=7
+        )
+    axes.margins(0.18)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title(title, fontsize=9)
+    _save(figure, path)
+
+
+def share_figure(path: Path, shares: Mapping[str, Mapping[int, tuple[float, float]]]) -> None:
+    """Share of ordered pairs with d(a, a) < d(a, b) against the number of simulations.
+
+    Args:
+        path: the picture to write.
+        shares: name of a metric to N to mean and standard deviation over choices of repeats.
+    """
+    figure = new_figure(6.5, 4.2)
+    axes = figure.subplots()
+    for name, curve in shares.items():
+        counts = sorted(curve)
+        axes.errorbar(
+            counts,
+            [100 * curve[n][0] for n in counts],
+            [100 * curve[n][1] for n in counts],
+            label=name,
+            capsize=2,
+            lw=1,
+        )
+    axes.axhline(95, color="0.6", lw=0.8, ls="--")
+    axes.set_xlabel("simulations N of each fabric in each scene")
+    axes.set_ylabel("pairs with d(a, a) < d(a, b) [%]")
+    axes.legend(fontsize=7)
+    axes.grid(alpha=0.3)
+    _save(figure, path)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure that needs no screen; inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as NewFigure
+
+    figure = NewFigure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _show(axes: Axes, pictures: Pictures, title: str) -> None:
+    axes.imshow(_side_by_side(pictures), cmap="gray", vmin=0, vmax=255)
+    axes.set_title(title, fontsize=7)
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def _side_by_side(pictures: Pictures) -> NDArray[np.uint8]:
+    """Hanging above stretch, cropped to the cloth."""
+    return np.concatenate([_crop(pictures[scene]) for scene in sorted(pictures)], axis=1)
+
+
+def _crop(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    margin = picture.shape[1] // 10
+    return picture[margin : picture.shape[0] - margin // 2, margin : picture.shape[1] - margin]
+
+
+def _grey_norm() -> Normalize:
+    from matplotlib.colors import Normalize as NewNormalize
+
+    return NewNormalize(0, 255)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110)

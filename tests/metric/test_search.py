@@ -1,0 +1,162 @@
+"""Search by drape: exact and sketched rankings, caches, and the index's speed-independent facts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from metric.backends import Channel
+from metric.descriptor import DescriptorStore, FabricDescriptor, thumbnail
+from metric.draping import DrapeRequest, RequestResult
+from metric.euclidean import squared_distance_table
+from metric.index import FabricIndex
+from metric.library import LibraryFabric
+from metric.render import DrapeRender
+from metric.search import RankedFabric, search_library
+from metric.simulate import SimulationPlan
+from metric.sketch import Sketched
+from metric.uncertainty import mean_and_error
+from simcore.errors import InputError
+from simcore.parameters import FabricParameters
+from simcore.scenes import Scene
+
+MakeRender = Callable[..., DrapeRender]
+PLAN = SimulationPlan(simulations=3, resolution_m=0.02)
+
+
+class Pixels:
+    """Pixels as features, squared distance as distance."""
+
+    name = "pixels"
+    channel = Channel.SHADED
+    unit = ""
+    fingerprint = "pixels/1"
+    squared_distance_unit = 1.0
+
+    def features(self, renders: Sequence[DrapeRender]) -> list[np.ndarray]:
+        return [(r.need_shaded() / 255.0).astype(np.float32).ravel() / 128 for r in renders]
+
+    def table(self, a: Sequence[np.ndarray], b: Sequence[np.ndarray]) -> np.ndarray:
+        return squared_distance_table(a, b)
+
+
+def fabric(stiffness: float) -> FabricParameters:
+    return FabricParameters(300.0, 250.0, 80.0, 1e-5 * stiffness, 1e-5 * stiffness, 1e-5 * stiffness, 0.2)
+
+
+class FakeSimulations:
+    """Folds by stiffness; stands for the solver and counts its runs."""
+
+    def __init__(self, make: MakeRender) -> None:
+        self.make = make
+        self.runs = 0
+
+    def __call__(self, requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
+        for request in requests:
+            self.runs += 1
+            folds = 6.0 / request.fabric.bending_warp**0.2 / 10 + (request.scene is Scene.STRETCH)
+            yield RequestResult(request, self.make(folds, 0.1 * request.repeat))
+
+
+def library(count: int) -> list[LibraryFabric]:
+    return [LibraryFabric(f"s{k}", fabric(1.5**k)) for k in range(count)]
+
+
+def order(found: list[RankedFabric]) -> list[str]:
+    return [entry.id for entry in found]
+
+
+def test_nearest_first(make_render: MakeRender) -> None:
+    found = search_library(fabric(1.5**2), library(6), Pixels(), PLAN, runner=FakeSimulations(make_render))
+    assert order(found.ranking)[0] == "s2"
+    assert [r.distance for r in found.ranking] == sorted(r.distance for r in found.ranking)
+    assert all(r.standard_error is not None for r in found.ranking)
+    assert found.ranking[0].distance > 0  # another sample of the same fabric, not the same pictures
+    assert found.reference_pictures[Scene.HANGING].shape == (64, 64)
+
+
+def test_sketches_give_the_same_ranking(make_render: MakeRender) -> None:
+    runner = FakeSimulations(make_render)
+    exact = search_library(fabric(2.0), library(6), Pixels(), PLAN, runner=runner, exact=True).ranking
+    sketched = search_library(fabric(2.0), library(6), Pixels(), PLAN, runner=runner, exact=False).ranking
+    assert order(exact) == order(sketched)
+    assert [r.distance for r in sketched] == pytest.approx([r.distance for r in exact], rel=0.06)
+    assert [r.standard_error for r in sketched] == pytest.approx([r.standard_error for r in exact], rel=0.3)
+
+
+def test_a_second_query_simulates_nothing(make_render: MakeRender, tmp_path: Path) -> None:
+    runner, done = FakeSimulations(make_render), []
+    for _ in range(2):
+        search_library(
+            fabric(2.0),
+            library(5),
+            Pixels(),
+            PLAN,
+            runner=runner,
+            descriptors=DescriptorStore(tmp_path),
+            exact=False,
+            on_done=lambda: done.append(1),
+        )
+    assert runner.runs == 6 * 2 * 3
+    assert len(done) == 2 * runner.runs
+
+
+def test_descriptors_survive_on_disk_and_damage_is_a_miss(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    kept = FabricDescriptor(
+        {s: rng.normal(0, 1, (3, 32)).astype(np.float32) for s in Scene},
+        {s: rng.integers(0, 255, (8, 8)).astype(np.uint8) for s in Scene},
+    )
+    DescriptorStore(tmp_path).save("k", kept)
+    found = DescriptorStore(tmp_path).load("k")
+    assert found is not None
+    for scene in Scene:
+        assert np.array_equal(found.sketches[scene], kept.sketches[scene])
+        assert np.array_equal(found.pictures[scene], kept.pictures[scene])
+    (tmp_path / "k.npz").write_bytes((tmp_path / "k.npz").read_bytes()[:100])
+    assert DescriptorStore(tmp_path).load("k") is None
+    assert DescriptorStore().load("k") is None
+
+
+def test_index_equals_the_definition() -> None:
+    rng = np.random.default_rng(1)
+    descriptors = [
+        FabricDescriptor({s: rng.normal(k, 1, (4, 64)).astype(np.float32) for s in Scene}, {}) for k in range(5)
+    ]
+    index = FabricIndex(Sketched(Pixels(), 64), descriptors[1:])
+    assert len(index) == 4
+    found = index.query(descriptors[0])
+    assert [r.place for r in found] == [0, 1, 2, 3]
+    for entry in found:
+        pairs = [
+            mean_and_error(
+                np.sum(
+                    (descriptors[0].sketches[s][:, None] - descriptors[1 + entry.place].sketches[s][None]) ** 2, axis=2
+                ).astype(float)
+            )
+            for s in Scene
+        ]
+        assert entry.distance == pytest.approx(np.mean([m for m, _ in pairs]), rel=1e-5)
+        assert entry.standard_error == pytest.approx(np.hypot(*[e or 0.0 for _, e in pairs]) / 2, rel=1e-4)
+
+
+def test_uneven_descriptors_are_refused() -> None:
+    one = FabricDescriptor({Scene.HANGING: np.zeros((2, 8), np.float32)}, {})
+    other = FabricDescriptor({Scene.HANGING: np.zeros((3, 8), np.float32)}, {})
+    backend = Sketched(Pixels(), 8)
+    with pytest.raises(InputError):
+        FabricIndex(backend, [one, other])
+    with pytest.raises(InputError):
+        FabricIndex(backend, [])
+    with pytest.raises(InputError, match="other scenes"):
+        FabricIndex(backend, [one]).query(FabricDescriptor({Scene.STRETCH: np.zeros((2, 8), np.float32)}, {}))
+
+
+def test_thumbnails_are_half_size(make_render: MakeRender) -> None:
+    render = make_render(size=128)
+    small = thumbnail(render)
+    assert small.shape == (64, 64)
+    assert small.mean() == pytest.approx(render.need_shaded().mean(), abs=1.0)

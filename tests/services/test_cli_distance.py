@@ -1,0 +1,112 @@
+"""`drapemeter distance` and `drapemeter rank`: documents, exit codes, messages."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from services.cli.main import run
+
+VALUES = {
+    "stretch_warp": 1000.0,
+    "stretch_weft": 800.0,
+    "stretch_bias": 300.0,
+    "bending_warp": 5e-4,
+    "bending_weft": 4e-4,
+    "bending_bias": 4e-4,
+    "density": 0.2,
+}
+QUICK = ["--backend", "depth", "--simulations", "2", "--resolution", "0.025", "--workers", "1"]
+
+
+@pytest.fixture
+def fabrics(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, str, str]:
+    """Two fabrics and a library of both; a cache folder of their own."""
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "cache"))
+    softer = {**VALUES, "bending_warp": 1e-4, "bending_weft": 1e-4, "bending_bias": 1e-4}
+    paths = []
+    for name, document in (
+        ("a.json", VALUES),
+        ("b.json", softer),
+        ("library.json", [{"id": "stiff", **VALUES}, {"id": "softer", **softer}]),
+    ):
+        (tmp_path / name).write_text(json.dumps(document))
+        paths.append(str(tmp_path / name))
+    return paths[0], paths[1], paths[2]
+
+
+def test_distance_and_rank_as_json(
+    fabrics: tuple[str, str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    a, b, library = fabrics
+    assert run(["distance", a, b, *QUICK, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["distance"] == pytest.approx(sum(found["scenes"].values()) / 2)
+    assert set(found["scenes"]) == {"hanging", "stretch"}
+    assert found["simulations"] == 2
+    assert found["standard_error"] > 0
+    assert (found["backend"], found["unit"], found["seed"], found["retries"]) == ("depth", "m", 0, [])
+
+    thumbnails, figure = tmp_path / "thumbnails", tmp_path / "search.png"
+    extra = ["--thumbnails", str(thumbnails), "--figure", str(figure)]
+    assert run(["rank", a, library, *QUICK, *extra, "--json"]) == 0
+    ranking = json.loads(capsys.readouterr().out)["ranking"]
+    assert [r["id"] for r in ranking] == ["stiff", "softer"]
+    assert ranking[1]["distance"] == pytest.approx(found["distance"])
+    assert all(Path(p).stat().st_size > 100 for r in ranking for p in r["thumbnails"].values())
+    assert figure.stat().st_size > 1000
+
+    assert run(["rank", a, library, *QUICK, "--top", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "stiff" in out
+    assert "softer" not in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--simulations", "0"], "simulations must be"),
+        (["--backend", "ssimm"], "unknown back end"),
+        (["--resolution", "0.03"], "does not divide"),
+        (["--seed", "-1"], "seed"),
+    ],
+)
+def test_bad_options(
+    fabrics: tuple[str, str, str], arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["distance", fabrics[0], fabrics[1], "--backend", "depth", *arguments]) == 2
+    assert run(["rank", fabrics[0], fabrics[2], "--backend", "depth", *arguments]) == 2
+    captured = capsys.readouterr()
+    lines = captured.err.strip().splitlines()
+    assert len(lines) == 2
+    assert all(message in line for line in lines)
+    assert captured.out == ""
+
+
+def test_bad_files(fabrics: tuple[str, str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bad.json").write_text(json.dumps({**VALUES, "density": -0.2}))
+    (tmp_path / "empty.json").write_text("[]")
+    assert run(["distance", fabrics[0], str(tmp_path / "bad.json")]) == 2
+    assert run(["distance", fabrics[0], str(tmp_path / "none.json")]) == 2
+    assert run(["rank", fabrics[0], str(tmp_path / "empty.json")]) == 2
+    assert run(["rank", fabrics[0], fabrics[2], "--top", "-1"]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 4
+
+
+def test_missing_weights_exit_1_and_name_the_way_out(
+    fabrics: tuple[str, str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import urllib.error
+
+    import torch
+
+    def no_internet(*_: object, **__: object) -> None:
+        raise urllib.error.URLError("Name or service not known")
+
+    monkeypatch.setattr(torch.hub, "download_url_to_file", no_internet)
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
+    monkeypatch.setenv("DRAPEMETER_WEIGHTS", str(tmp_path))
+    assert run(["distance", fabrics[0], fabrics[1]]) == 1
+    assert "--backend depth" in capsys.readouterr().err
