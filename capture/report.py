@@ -126,9 +126,7 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None) -> list[str]
     if region.noise_m > MAX_NOISE_M:
         found.append(f"noise of {1e3 * region.noise_m:.1f} mm: come closer, or record more frames for the median")
     if region.holes > MAX_HOLES:
-        found.append(
-            f"{100 * region.holes:.0f} % of the cloth has no data: shade strong lights, record more frames"
-        )
+        found.append(f"{100 * region.holes:.0f} % of the cloth has no data: shade strong lights, record more frames")
     if capture.setup.panel and panel is None:
         found.append("no panel is seen: set panel to false if there is none")
     if panel is not None and panel.rms_m > max(MAX_PANEL_RMS_M, 2.0 * region.noise_m):
