@@ -20,7 +20,11 @@ from trainer.preprocess import HEIGHT_SCALE_M, cloth_mask
 FloatArray = NDArray[np.float64]
 BORDER_QUANTILE = 0.995
 MAX_DIRECTIONS = 24
-_LEAST_SPREAD = 1e-9
+_LEAST_FEATURE_SPREAD = 0.01
+_LEAST_STATISTICS_SPREAD = 0.01
+"""Floors of the spread, so that what happened to be constant in training is no trap: of the features as a share of
+their largest spread, of the statistics as they are."""
+_TINY = 1e-9
 
 
 @dataclass(frozen=True)
@@ -38,16 +42,21 @@ class GaussianReference:
     left_over: FloatArray
 
     @classmethod
-    def fit(cls, samples: FloatArray) -> GaussianReference:
-        """From samples, shape [n, d]."""
+    def fit(cls, samples: FloatArray, *, floor: float = 0.0, floor_share: float = 0.0) -> GaussianReference:
+        """From samples, shape [n, d].
+
+        Args:
+            floor, floor_share: least spread along a direction, as such and as a share of the largest.
+        """
         mean = samples.mean(axis=0)
         centred = samples - mean
         _, values, rows = np.linalg.svd(centred, full_matrices=False)
         count = max(1, min(MAX_DIRECTIONS, len(samples) // 4, samples.shape[1]))
-        spread = np.maximum(values[:count] / np.sqrt(len(samples)), _LEAST_SPREAD)
+        spread = values[:count] / np.sqrt(len(samples))
+        least = max(floor, floor_share * float(spread[0]), _TINY)
         rest = centred - (centred @ rows[:count].T) @ rows[:count]
-        left_over = np.maximum(np.sqrt((rest**2).sum(axis=1).mean()), 1e-6 * spread[0] + _LEAST_SPREAD)
-        return cls(mean, rows[:count], spread, np.asarray(left_over))
+        left_over = np.maximum(np.sqrt((rest**2).sum(axis=1).mean()), least)
+        return cls(mean, rows[:count], np.maximum(spread, least), np.asarray(left_over))
 
     def distances(self, samples: FloatArray) -> FloatArray:
         """RMS whitened distance within the directions and relative length left over, shape [n, 2]."""
@@ -83,14 +92,19 @@ class OutlierModel:
         held_out_statistics: FloatArray,
     ) -> OutlierModel:
         """From the descriptions of training pictures and of pictures of held-out materials, each [n, d]."""
-        model = cls(GaussianReference.fit(features), GaussianReference.fit(statistics), np.ones(4))
+        model = cls(
+            GaussianReference.fit(features, floor_share=_LEAST_FEATURE_SPREAD),
+            GaussianReference.fit(statistics, floor=_LEAST_STATISTICS_SPREAD),
+            np.ones(4),
+        )
         distances = model.scores(held_out_features, held_out_statistics)
-        return cls(model.features, model.statistics, np.quantile(distances, BORDER_QUANTILE, axis=0))
+        borders = np.quantile(distances, BORDER_QUANTILE, axis=0)
+        return cls(model.features, model.statistics, np.maximum(borders, 1.0))
 
     def scores(self, features: FloatArray, statistics: FloatArray) -> FloatArray:
         """The four distances over their borders, shape [n, 4]; above 1 is outside."""
         both = np.concatenate([self.features.distances(features), self.statistics.distances(statistics)], axis=1)
-        return np.asarray(both / np.maximum(self.borders, _LEAST_SPREAD))
+        return np.asarray(both / self.borders)
 
     def to_tensors(self, prefix: str) -> dict[str, Tensor]:
         """Named tensors for storage."""

@@ -69,7 +69,9 @@ def test_forward_on_one_scene_equals_the_single_picture(network: DrapeNetwork) -
     images, density = torch.randn(2, 2, 1, 64, 64), torch.tensor([0.3, -1.0])
     one = network(images, torch.tensor([[True, False], [False, True]]), density)
     for row, scene in enumerate((0, 1)):
-        single = network(images[row : row + 1, scene : scene + 1], torch.ones(1, 1, dtype=torch.bool), density[row : row + 1])
+        single = network(
+            images[row : row + 1, scene : scene + 1], torch.ones(1, 1, dtype=torch.bool), density[row : row + 1]
+        )
         assert torch.allclose(one.mean[row], single.mean[0], atol=1e-5)
         assert torch.allclose(one.log_spread[row], single.log_spread[0], atol=1e-5)
 
@@ -77,7 +79,9 @@ def test_forward_on_one_scene_equals_the_single_picture(network: DrapeNetwork) -
 def test_order_of_scenes_does_not_matter(network: DrapeNetwork) -> None:
     images, density = torch.randn(2, 2, 1, 64, 64), torch.zeros(2)
     present = torch.ones(2, 2, dtype=torch.bool)
-    assert torch.allclose(network(images, present, density).mean, network(images.flip(1), present, density).mean, atol=1e-5)
+    assert torch.allclose(
+        network(images, present, density).mean, network(images.flip(1), present, density).mean, atol=1e-5
+    )
 
 
 def test_spread_does_not_teach_the_features(network: DrapeNetwork) -> None:

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+import trainer.predict
+from capture.normalise import NetworkInput
+from simcore.errors import InputError, MissingResourceError
+from simcore.parameters import ESTIMATED_NAMES, FabricParameters
+from simcore.scenes import Scene
+from trainer.dataset import SCENES
+from trainer.intervals import IntervalTable
+from trainer.model import TrainedModel
+from trainer.predict import Estimator
+
+from .analytic import AnalyticSource
+
+
+def _input(source: AnalyticSource, row: int, length_scale: float = 1.0) -> NetworkInput:
+    scene = SCENES[int(source.table().scene[row])]
+    small = source.read(np.array([row]))[0].numpy().astype(np.float32) * 1e-4
+    height = np.kron(small, np.ones((4, 4), dtype=np.float32))
+    return NetworkInput(height, np.ones_like(height, dtype=bool), scene, length_scale)
+
+
+@pytest.fixture
+def estimator(tiny_model: TrainedModel) -> Estimator:
+    return Estimator(tiny_model)
+
+
+def _row(source: AnalyticSource, scene: int, jitter: int = 0) -> int:
+    table = source.table()
+    return int(np.flatnonzero((table.material == 5) & (table.scene == scene) & (table.jitter == jitter))[0])
+
+
+@pytest.mark.parametrize("scenes", [(0,), (1,), (0, 1)])
+def test_any_subset_of_scenes(estimator: Estimator, analytic_source: AnalyticSource, scenes: tuple[int, ...]) -> None:
+    inputs = {SCENES[s].value: _input(analytic_source, _row(analytic_source, s)) for s in scenes}
+    density = float(analytic_source.table().parameters[_row(analytic_source, 0), 6])
+    found = estimator.estimate(inputs, density)
+    assert found.scenes == tuple(SCENES[s].value for s in scenes)
+    FabricParameters(**found.parameters, density=density)  # positive, finite, within limits
+    for name in ESTIMATED_NAMES:
+        low, high = found.intervals_90[name]
+        assert 0 < low < found.parameters[name] < high < math.inf
+    assert not found.out_of_distribution
+    assert found.model_version == estimator.version
+
+
+def test_repeats_are_averaged_over_every_combination(estimator: Estimator, analytic_source: AnalyticSource) -> None:
+    rows = {scene: [_row(analytic_source, scene, jitter) for jitter in range(2)] for scene in range(2)}
+    every = {SCENES[s]: [_input(analytic_source, row) for row in rows[s]] for s in range(2)}
+    together = estimator.estimate(every, 0.2)
+    single = [
+        estimator.estimate({SCENES[0]: every[SCENES[0]][i], SCENES[1]: every[SCENES[1]][j]}, 0.2)
+        for i in range(2)
+        for j in range(2)
+    ]
+    for name in ESTIMATED_NAMES:
+        expected = np.exp(np.mean([np.log(s.parameters[name]) for s in single]))
+        assert together.parameters[name] == pytest.approx(expected, rel=1e-5)
+
+
+def test_samples_of_another_size_are_converted(estimator: Estimator, analytic_source: AnalyticSource) -> None:
+    row = _row(analytic_source, 0)
+    nominal = estimator.estimate({"hanging": _input(analytic_source, row)}, 0.2)
+    larger = estimator.estimate({"hanging": _input(analytic_source, row, length_scale=1.2)}, 0.2)
+    assert larger.parameters["stretch_warp"] == pytest.approx(1.2 * nominal.parameters["stretch_warp"])
+    assert larger.parameters["bending_bias"] == pytest.approx(1.2**3 * nominal.parameters["bending_bias"])
+    assert larger.intervals_90["bending_bias"][1] == pytest.approx(1.2**3 * nominal.intervals_90["bending_bias"][1])
+
+
+def test_what_is_unlike_the_training_pictures_is_flagged(estimator: Estimator, analytic_source: AnalyticSource) -> None:
+    row = _row(analytic_source, 0)
+    known = _input(analytic_source, row)
+    crumpled = np.abs(np.random.default_rng(0).normal(0.1, 0.1, known.height.shape)).astype(np.float32)
+    assert estimator.estimate({"hanging": replace(known, height=crumpled)}, 0.2).out_of_distribution
+    # Equalisation hides the height from the network; the statistics do not.
+    assert estimator.estimate({"hanging": replace(known, height=20 * known.height)}, 0.2).out_of_distribution
+    heavy = estimator.estimate({"hanging": known}, 4.9)
+    assert heavy.out_of_distribution and heavy.out_of_distribution_score > 1
+
+
+def test_without_calibration_the_interval_is_the_training_range(
+    tiny_model: TrainedModel, analytic_source: AnalyticSource
+) -> None:
+    unknown = IntervalTable(dict.fromkeys(tiny_model.intervals.factors, (math.inf,) * 6), {})
+    estimator = Estimator(replace(tiny_model, intervals=unknown))
+    found = estimator.estimate({"hanging": _input(analytic_source, _row(analytic_source, 0))}, 0.2)
+    low, high = found.intervals_90["bending_warp"]
+    expected = 4 * tiny_model.scaling.spread[3]
+    assert math.log(high / low) >= expected - 1e-9
+
+
+def test_bad_input(estimator: Estimator, analytic_source: AnalyticSource) -> None:
+    good = _input(analytic_source, _row(analytic_source, 0))
+    nothing = replace(good, height=np.zeros_like(good.height))
+    cases = [
+        ({}, 0.2, "no_captures"),
+        ({"hanging": []}, 0.2, "no_captures"),
+        ({"lying": good}, 0.2, "scene_unknown"),
+        ({"hanging": nothing}, 0.2, "no_cloth"),
+        ({"hanging": good}, math.nan, "parameter_out_of_range"),
+        ({"hanging": good}, 200.0, "parameter_out_of_range"),
+        ({"hanging": good}, -0.2, "parameter_out_of_range"),
+    ]
+    for inputs, density, code in cases:
+        with pytest.raises(InputError) as caught:
+            estimator.estimate(inputs, density)
+        assert caught.value.code == code
+
+
+def test_without_a_default_model_the_error_says_how_to_get_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: object
+) -> None:
+    monkeypatch.setattr(trainer.predict, "DEFAULT_MODEL", tmp_path)
+    with pytest.raises(MissingResourceError, match="drapemeter train --store"):
+        Estimator.load()
+
+
+def test_pixels_without_knowledge_are_background(estimator: Estimator, analytic_source: AnalyticSource) -> None:
+    good = _input(analytic_source, _row(analytic_source, 1))
+    cloth = good.height > 0
+    filled = replace(good, height=np.where(cloth, good.height, np.float32(9.9)), mask=cloth)
+    a, b = (estimator.estimate({Scene.STRETCH: i}, 0.2) for i in (good, filled))
+    assert a == b
+    assert torch.is_grad_enabled()

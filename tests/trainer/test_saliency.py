@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from trainer.ablation import input_influence, ladder, table
+from trainer.config import NetworkConfig
+from trainer.model import TrainedModel
+from trainer.network import DrapeNetwork
+from trainer.presets import PRESETS
+from trainer.saliency import aggregate, save_figure, xgradcam
+
+from .analytic import AnalyticSource
+
+
+def test_xgradcam_by_hand() -> None:
+    """A regressor that is linear in the pooled means has maps that can be written down."""
+    torch.manual_seed(0)
+    network = DrapeNetwork(NetworkConfig(input_size=64, trunk_width=0.125, hidden=(), dropout=0.0)).eval()
+    channels = network.feature_channels
+    linear = network.regressor[-1]
+    assert isinstance(linear, torch.nn.Linear)
+    with torch.no_grad():
+        linear.weight.zero_()
+        linear.weight[2, channels : 2 * channels] = torch.linspace(-1, 1, channels)
+    images = torch.randn(3, 1, 64, 64)
+    activation = network.feature_map(images).detach()
+    places = activation.shape[2] * activation.shape[3]
+    # d(mean)/d(activation) = 1 / places everywhere, so a channel's weight is its coefficient over the places.
+    expected = torch.relu((torch.linspace(-1, 1, channels)[:, None, None] / places * activation).sum(dim=1))
+    assert torch.allclose(xgradcam(network, images, torch.zeros(3), 2), expected, atol=1e-5)
+    assert not xgradcam(network, images, torch.zeros(3), 0).any()
+
+
+def test_xgradcam_of_a_maximum_looks_at_one_place_a_channel() -> None:
+    torch.manual_seed(0)
+    network = DrapeNetwork(NetworkConfig(input_size=64, trunk_width=0.125, hidden=(), dropout=0.0)).eval()
+    linear = network.regressor[-1]
+    assert isinstance(linear, torch.nn.Linear)
+    with torch.no_grad():
+        linear.weight.zero_()
+        linear.weight[0, 4] = 2.0
+    images = torch.randn(1, 1, 64, 64)
+    channel = network.feature_map(images).detach()[0, 4]
+    # The gradient is 2 at the largest place: weight = 2 * max / sum.
+    expected = torch.relu(2.0 * channel.max() / channel.sum() * channel)
+    assert torch.allclose(xgradcam(network, images, torch.zeros(1), 0)[0], expected, atol=1e-4)
+
+
+def test_maps_are_aggregated_per_scene_and_parameter(
+    tiny_model: TrainedModel, analytic_source: AnalyticSource, tmp_path: Path
+) -> None:
+    pictures = analytic_source.table().of_materials(np.arange(3))
+    maps = aggregate(tiny_model, analytic_source, pictures)
+    assert maps.pictures == {"hanging": 6, "stretch": 6}
+    for images in maps.maps.values():
+        assert images.shape == (6, 64, 64) and np.isfinite(images).all()
+        assert images.min() >= 0 and images.max() <= 1 + 1e-6
+    save_figure(maps, tmp_path / "maps.png")
+    assert (tmp_path / "maps.png").stat().st_size > 5000
+
+
+def test_the_ladder_climbs_from_the_papers_baseline_to_its_model() -> None:
+    steps = ladder(PRESETS["standard"], pretrained=True)
+    baseline, paper = steps["baseline"], steps["+ average pooling (paper)"]
+    assert not (baseline.network.attention or baseline.network.average_pooling or baseline.augment.active)
+    assert paper.network.attention and paper.network.average_pooling and paper.augment.active and paper.pretrained
+    assert (paper.inclinations, paper.fusion_training, paper.network.targets) == ("as_seen", "single", "log")
+    assert not paper.network.height_channel
+    assert "+ pre-training" not in ladder(PRESETS["quick"], pretrained=False)
+    assert len({config.seed for config in steps.values()}) == 1
+    assert not input_influence(PRESETS["quick"])["depth"].network.use_density
+
+
+def test_the_table_has_a_row_a_configuration(tiny_model: TrainedModel) -> None:
+    text = table({"a": tiny_model.metrics, "b": tiny_model.metrics})
+    assert [line.split("|")[1].strip() for line in text.splitlines()[2:]] == ["a", "b"]

@@ -1,0 +1,107 @@
+"""Reading a store as the dataset service writes it."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from renderer.depth import panel_depth
+from renderer.pose import inclination_pose
+from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter, quantise_depth
+from simcore.errors import InputError
+from trainer.store_source import StoreSource
+
+TILTS = (-5.0, 0.0, 5.0)
+LAYOUT = StoreLayout(
+    materials=3,
+    scenes=("hanging", "stretch"),
+    jitters=1,
+    inclinations_deg=TILTS,
+    simulations_per_shard=2,
+    vertex_count=4,
+)
+
+
+def _depth(material: int, tilt: float) -> np.ndarray:
+    """A slab 10 mm (and 1 mm a material) off the panel, tilted with it."""
+    depth = panel_depth(CANONICAL_CAMERA, frontal_pose() @ inclination_pose(tilt)).copy()
+    depth[60:200, 60:200] -= 0.01 + 0.001 * material
+    return depth
+
+
+def _rows(shard: int) -> ShardRows:
+    simulations = LAYOUT.shard_simulations(shard)
+    rows = LAYOUT.shard_rows(shard)
+    addresses = [LAYOUT.address(s) for s in simulations for _ in TILTS]
+    material = np.array([a[0] for a in addresses], dtype=np.uint32)
+    tilts = np.tile(TILTS, len(simulations)).astype(np.float32)
+    status = np.full(len(rows), RowStatus.OK, dtype=np.uint8)
+    status[material == 2] = RowStatus.NOT_STILL
+    return ShardRows(
+        depth=quantise_depth(np.stack([_depth(int(m), float(t)) for m, t in zip(material, tilts, strict=True)])),
+        parameters=np.outer(1.0 + material, [500, 400, 100, 2e-5, 1e-5, 1.5e-5, 0.1]).astype(np.float32),
+        scene=np.array([a[1] for a in addresses], dtype=np.uint8),
+        status=status,
+        reason=np.full(len(rows), "", dtype=object),
+        inclination_deg=tilts,
+        seed=np.arange(len(rows), dtype=np.uint64),
+        material=material,
+        jitter=np.zeros(len(rows), dtype=np.uint32),
+        vertices=np.zeros((len(simulations), 4, 3), dtype=np.float32),
+        residual=np.zeros(len(simulations)),
+        energy=np.zeros(len(simulations)),
+    )
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("store") / "s.zarr"
+    writer = StoreWriter.create(path, LAYOUT, configuration={"resolution_m": 0.02}, seed=4, software_version="test")
+    for shard in range(2):  # the third shard is never finished
+        writer.write_shard(shard, _rows(shard))
+    return path
+
+
+def test_only_finished_rows_at_rest_are_listed(store: Path) -> None:
+    table = StoreSource(store).table()
+    assert len(table) == 12 and set(table.material) == {0, 1} and set(table.shard) == {0, 1}
+    assert len(table.upright()) == 4
+    assert table.material_parameters()[:, 0] == pytest.approx([500, 1000])
+
+
+def test_heights_over_a_tilted_panel_lie_flat(store: Path) -> None:
+    source = pickle.loads(pickle.dumps(StoreSource(store)))
+    heights = source.read(np.arange(6))
+    assert heights.dtype == torch.int16 and heights.shape == (6, 256, 256)
+    assert (heights[:, 60:200, 60:200] - 100).abs().max() <= 1
+    assert heights[:, :55].abs().max() <= 1
+
+
+def test_as_seen_keeps_the_slope_on_the_cloth_only(store: Path) -> None:
+    heights = StoreSource(store, "as_seen").read(np.arange(6))
+    assert not heights[0, :55].any() and not heights[2, 210:].any()
+    assert int(heights[2, 190, 100]) - int(heights[2, 70, 100]) > 200  # 5 degrees over a third of a metre
+    assert (heights[1, 60:200, 60:200] == StoreSource(store).read(np.arange(6))[1, 60:200, 60:200]).all()
+
+
+def test_single_rows_equal_whole_shards(store: Path) -> None:
+    source = StoreSource(store)
+    assert torch.equal(source.read(np.array([8])), source.read(np.arange(6, 12))[2:3])
+
+
+def test_what_the_store_says_of_itself_is_kept(store: Path) -> None:
+    said = StoreSource(store).provenance()
+    assert said["seed"] == 4 and said["configuration"] == {"resolution_m": 0.02}
+
+
+def test_no_store_and_an_empty_store(tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        StoreSource(tmp_path / "nothing.zarr").table()
+    StoreWriter.create(tmp_path / "e.zarr", LAYOUT, configuration={}, seed=0, software_version="test")
+    with pytest.raises(InputError, match="not one usable picture"):
+        StoreSource(tmp_path / "e.zarr").table()

@@ -1,0 +1,140 @@
+"""Training on analytic cloth: it learns, it repeats, it is stored whole."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from simcore.errors import InputError
+from simcore.parameters import ESTIMATED_NAMES
+from trainer.config import NetworkConfig, TrainConfig
+from trainer.evaluate import Metrics
+from trainer.inference import extract_pairs
+from trainer.model import TrainedModel, load_model
+from trainer.presets import PRESETS
+from trainer.train import Progress, train
+
+from .analytic import AnalyticSource
+
+SHORT = AnalyticSource(materials=12, jitters=1)
+
+
+def test_it_beats_predicting_the_mean_on_held_out_materials(tiny_model: TrainedModel) -> None:
+    metrics = tiny_model.metrics
+    for scenes in ("hanging", "stretch", "hanging+stretch"):
+        assert metrics.average(scenes, "mae_log", "bending") < 0.85 * metrics.average("mean", "mae_log", "bending")
+        assert metrics.average(scenes, "spearman", "bending") > 0.45
+    assert metrics.average("hanging+stretch", "mae_log") < metrics.average("density", "mae_log")
+    assert metrics.materials == {"train": 36, "calibration": 12, "test": 12}
+
+
+def test_intervals_cover_held_out_materials(tiny_model: TrainedModel) -> None:
+    assert tiny_model.metrics.average("hanging+stretch", "coverage") > 0.75  # 12 materials: 0.9 +- 0.09
+
+
+def test_the_same_run_gives_the_same_model(tiny_config: TrainConfig) -> None:
+    config = replace(tiny_config, epochs=1)
+    first, second = train(SHORT, config), train(SHORT, config)
+    assert first.version == second.version
+    assert train(SHORT, replace(config, seed=1)).version != first.version
+
+
+def test_progress_is_reported(tiny_config: TrainConfig) -> None:
+    seen: list[Progress] = []
+    train(SHORT, replace(tiny_config, epochs=2, batch_size=4), report=seen.append)
+    assert [p.step for p in seen] == list(range(1, len(seen) + 1))
+    assert {p.steps for p in seen} == {len(seen)} and all(math.isfinite(p.loss) for p in seen)
+
+
+def test_a_stored_model_is_the_same_to_the_bit(
+    tiny_model: TrainedModel, analytic_source: AnalyticSource, tmp_path: Path
+) -> None:
+    version = tiny_model.save(tmp_path / "model")
+    loaded = load_model(tmp_path / "model")
+    assert version == tiny_model.version == loaded.version
+    table = analytic_source.table().of_materials(torch.arange(3).numpy())
+    before = extract_pairs(tiny_model.network, analytic_source, table)
+    after = extract_pairs(loaded.network, analytic_source, table)
+    assert torch.equal(before.maximum, after.maximum) and torch.equal(before.mean, after.mean)
+    assert loaded.config == tiny_model.config and loaded.scaling == tiny_model.scaling
+    assert loaded.intervals == tiny_model.intervals
+    for scene, model in tiny_model.outliers.items():
+        features, statistics = after.of_scene(0)
+        assert (model.scores(features, statistics) == loaded.outliers[scene].scores(features, statistics)).all()
+
+
+def test_metrics_survive_json(tiny_model: TrainedModel) -> None:
+    metrics = tiny_model.metrics
+    again = Metrics.from_json(json.loads(json.dumps(metrics.to_json())))
+    assert again.to_json() == metrics.to_json()
+    assert all(name in metrics.table() for name in ESTIMATED_NAMES)
+
+
+def test_saving_replaces_models_and_nothing_else(tiny_model: TrainedModel, tmp_path: Path) -> None:
+    folder = tmp_path / "model"
+    tiny_model.save(folder)
+    assert tiny_model.save(folder) == tiny_model.version
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["model"]
+    other = tmp_path / "thesis"
+    other.mkdir()
+    (other / "chapter.txt").write_text("precious")
+    with pytest.raises(InputError, match="holds no model"):
+        tiny_model.save(other)
+    assert (other / "chapter.txt").read_text() == "precious"
+
+
+def test_damage_is_noticed(tiny_model: TrainedModel, tmp_path: Path) -> None:
+    folder = tmp_path / "model"
+    tiny_model.save(folder)
+    weights = folder / "weights.safetensors"
+    content = bytearray(weights.read_bytes())
+    content[-1] ^= 1
+    weights.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        load_model(folder)
+    assert caught.value.code == "model_damaged"
+    with pytest.raises(InputError, match="drapemeter train"):
+        load_model(tmp_path / "nowhere")
+
+
+def test_full_size_weights_stay_below_24_megabytes() -> None:
+    from trainer.network import DrapeNetwork
+
+    network = DrapeNetwork(NetworkConfig(height_channel=True))
+    half = sum(p.numel() * (2 if p.dim() > 1 else 4) for p in network.state_dict().values())
+    assert half < 24e6
+
+
+def test_configurations_survive_json_and_are_checked() -> None:
+    for config in PRESETS.values():
+        assert TrainConfig.from_json(json.loads(json.dumps(config.to_json()))) == config
+    with pytest.raises(InputError, match="unknown fields momentum"):
+        TrainConfig.from_json({"momentum": 1})
+    with pytest.raises(InputError, match="'fast' is none of"):
+        TrainConfig.from_json({"inclinations": "fast"})
+    for bad in ({"epochs": 0}, {"train_share": 0.95}, {"learning_rate": -1.0}):
+        with pytest.raises(InputError):
+            TrainConfig(**bad)
+    for bad in ({"input_size": 100}, {"trunk_width": 9.0}, {"equalise": False}):
+        with pytest.raises(InputError):
+            NetworkConfig(**bad)
+
+
+def test_two_ranks_with_one_gradient(tiny_config: TrainConfig) -> None:
+    """Averaged gradients are what one process would have had from both halves."""
+    from trainer.dataset import Partition
+    from trainer.train import build_network, steps_of
+
+    table = SHORT.table()
+    one, two = (steps_of(table, tiny_config, Partition(0, n)) for n in (1, 2))
+    assert one >= two >= one // 2
+    first, _ = build_network(tiny_config)
+    second, _ = build_network(tiny_config)
+    assert all(
+        torch.equal(a, b) for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True)
+    )
