@@ -1,63 +1,173 @@
-"""Open3D's offscreen renderer (Filament on Vulkan), guarded against its known faults.
+"""Open3D's offscreen renderer (Filament on Vulkan), kept in a child process because of its faults.
 
-* One renderer a process, kept: memory grows with each one created. It works only on the thread that created it.
-* After 131,042 renders a process gives blank pictures without an error (Open3D issue 6912): the process is to be
-  recycled before, and says so.
-* Without a Vulkan device Filament aborts the process: a child process tries first.
-* Meshes get triangle UVs: without them they are drawn corrupt under software Vulkan.
-* It prints to standard output from C++: that is sent to standard error.
+* Every picture leaks (measured: 3.3 MB at 512 x 512 under software Vulkan), and after 131,042 pictures a process draws
+  blank ones without an error (Open3D issue 6912): the child is replaced when it has grown or drawn too much.
+* Without a Vulkan device Filament aborts its process: only the child dies, and that is an error with its reason.
+* It works on its creating thread only: the child has one, callers take turns.
+* It prints to standard output: the child's goes elsewhere.
 """
 
 from __future__ import annotations
 
+import atexit
 import os
+import pickle
+import select
 import subprocess
 import sys
+import tempfile
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
-from functools import cache
-from typing import Any
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import IO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from renderer.camera import Camera
 from renderer.light import Light
-from renderer.surface import check_surface, vertex_normals
+from renderer.surface import check_surface
 from simcore.errors import DrapemeterError, InputError, MissingResourceError
 
-MAX_RENDERS_PER_PROCESS = 100_000
-_PIXEL_CENTRE = 0.5
-"""Filament's pixel centres lie at halves, OpenCV's at whole numbers."""
-_FULL_LUX = 2.37e5
-"""Illuminance that shows a white face square to the light at 251 of 255 (Open3D's fixed exposure, no tone mapping)."""
-_FULL_COUNT = 251.0
-_BACKGROUND = (0.0, 0.0, 1.0, 1.0)
-"""Blue, so that black cloth and background differ."""
-_PROBE = "import open3d; open3d.visualization.rendering.OffscreenRenderer(16, 16).render_to_image(); print('ready')"
-_PROBE_SECONDS = 120
+MAX_RENDERS = 100_000
+MAX_GROWTH_MB = 500.0
+_PATIENCE_S = 120.0
 
 
-@cache
-def probe_filament() -> None:
-    """Draw one picture in a child process, once: a machine without Vulkan kills that process instead of this one.
+@dataclass(frozen=True)
+class DrawRequest:
+    """One picture to draw: mesh [m] in the panel frame, camera, pose [4, 4], unit vector to the light, camera frame."""
 
-    Raises:
-        MissingResourceError: no picture came.
-    """
-    try:
-        child = subprocess.run([sys.executable, "-c", _PROBE], capture_output=True, text=True, timeout=_PROBE_SECONDS)
-        reason = (child.stderr.strip().splitlines() or [f"exit status {child.returncode}"])[-1]
-        if child.returncode == 0 and "ready" in child.stdout:
-            return
-    except subprocess.TimeoutExpired:
-        reason = f"no picture within {_PROBE_SECONDS} s"
-    raise MissingResourceError(
-        f"Open3D's offscreen renderer does not run here ({reason}): install libvulkan1 and mesa-vulkan-drivers, "
-        "or choose engine 'raycast'",
-        code="vulkan_missing",
-    )
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+    uv: NDArray[np.float64]
+    camera: Camera
+    camera_from_panel: NDArray[np.float64]
+    towards_light: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DrawReply:
+    """Share of the direct light, float32 [H, W], NaN where there is no cloth; None = ready. The child's memory [MB]."""
+
+    facing: NDArray[np.float32] | None
+    resident_mb: float
+
+
+class FilamentProcess:
+    """The child that draws; callers from any thread take turns. Restarted when it has grown too large."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._child: subprocess.Popen[bytes] | None = None
+        self._errors: IO[bytes] | None = None
+        self._size = (0, 0)
+        self._renders = 0
+        self._first_mb = 0.0
+
+    @property
+    def pid(self) -> int | None:
+        """Process number of the child, if there is one."""
+        return None if self._child is None else self._child.pid
+
+    def start(self, width: int, height: int) -> None:
+        """See to it that a child stands ready for pictures of this size; it draws one size only.
+
+        Raises:
+            MissingResourceError: it cannot draw on this machine.
+        """
+        with self._lock:
+            self._ensure((width, height))
+
+    def draw(self, request: DrawRequest) -> NDArray[np.float32]:
+        """Share of the direct light that each pixel's cloth sends back, float32 [H, W]; NaN where there is none.
+
+        Raises:
+            MissingResourceError: as :meth:`start`.
+            DrapemeterError: ``renderer_died``: the child ended or hung while it drew.
+        """
+        with self._lock:
+            child = self._ensure((request.camera.width, request.camera.height))
+            assert child.stdin is not None
+            try:
+                pickle.dump(request, child.stdin)
+                child.stdin.flush()
+                reply = self._reply(child)
+            except (EOFError, BrokenPipeError, TimeoutError, pickle.UnpicklingError) as error:
+                reason = self._end()
+                raise DrapemeterError(
+                    f"the offscreen renderer stopped while drawing ({reason or error}): try again, "
+                    "or choose engine 'raycast'",
+                    code="renderer_died",
+                ) from error
+            self._renders += 1
+            if self._renders >= MAX_RENDERS or reply.resident_mb - self._first_mb > MAX_GROWTH_MB:
+                self._end()
+            assert reply.facing is not None
+            return reply.facing
+
+    def close(self) -> None:
+        """End the child; the next picture starts another."""
+        with self._lock:
+            self._end()
+
+    def _ensure(self, size: tuple[int, int]) -> subprocess.Popen[bytes]:
+        if self._child is not None and self._child.poll() is None and self._size == size:
+            return self._child
+        self._end()
+        self._size = size
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the child, closed with it
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+        self._child = subprocess.Popen(
+            [sys.executable, "-m", "renderer.filament_worker", *map(str, size)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            env=environment,
+        )
+        try:
+            self._first_mb, self._renders = self._reply(self._child).resident_mb, 0
+        except (EOFError, TimeoutError, pickle.UnpicklingError) as error:
+            reason = self._end()
+            raise MissingResourceError(
+                f"Open3D's offscreen renderer does not run here ({reason or error}): install libvulkan1 and "
+                "mesa-vulkan-drivers, or choose engine 'raycast'",
+                code="vulkan_missing",
+            ) from error
+        return self._child
+
+    def _reply(self, child: subprocess.Popen[bytes]) -> DrawReply:
+        assert child.stdout is not None
+        if not select.select([child.stdout], [], [], _PATIENCE_S)[0]:
+            raise TimeoutError(f"no picture within {_PATIENCE_S:g} s")
+        reply: DrawReply = pickle.load(child.stdout)
+        return reply
+
+    def _end(self) -> str:
+        """End the child and give the last line it wrote to standard error."""
+        child, errors, self._child, self._errors = self._child, self._errors, None, None
+        if child is not None:
+            child.kill()
+            child.wait()
+            for pipe in (child.stdin, child.stdout):
+                if pipe is not None:
+                    with suppress(BrokenPipeError):  # of what was still to be sent to a dead child
+                        pipe.close()
+        if errors is None:
+            return ""
+        with errors:
+            errors.seek(0)
+            lines = errors.read().decode(errors="replace").strip().splitlines()
+        return lines[-1].strip() if lines else ""
+
+
+_process = FilamentProcess()
+atexit.register(_process.close)
+
+
+def filament_process() -> FilamentProcess:
+    """The one child of this process."""
+    return _process
 
 
 def check_filament_camera(camera: Camera) -> None:
@@ -84,110 +194,12 @@ def filament_radiance(
 
     Raises:
         InputError: the mesh cannot be rendered.
-        DrapemeterError: called from another thread, or the process has drawn too many pictures.
+        MissingResourceError, DrapemeterError: see :class:`FilamentProcess`.
     """
     v, t = check_surface(vertices, triangles)
-    return _Filament.of_this_process(camera.width, camera.height).radiance(v, t, uv, camera, camera_from_panel, light)
-
-
-class _Filament:
-    """The process's one offscreen renderer."""
-
-    _only: _Filament | None = None
-    _renders = 0
-
-    def __init__(self, width: int, height: int) -> None:
-        import open3d as o3d
-
-        self._o3d: Any = o3d
-        self.size = (width, height)
-        self.thread = threading.get_ident()
-        self._lit = False
-        with _stdout_to_stderr():
-            self._renderer: Any = o3d.visualization.rendering.OffscreenRenderer(width, height)
-            self._prepare_view()
-            self._renderer.render_to_image()
-
-    @classmethod
-    def of_this_process(cls, width: int, height: int) -> _Filament:
-        if cls._only is not None and cls._only.thread != threading.get_ident():
-            raise DrapemeterError(
-                "the offscreen renderer works only on the thread that created it: keep one rendering thread, "
-                "or choose engine 'raycast'",
-                code="renderer_thread",
-            )
-        if cls._renders >= MAX_RENDERS_PER_PROCESS:
-            raise DrapemeterError(
-                f"this process has drawn {cls._renders} pictures; Open3D's go blank after 131,042: restart the worker",
-                code="renderer_worn_out",
-            )
-        if cls._only is None or cls._only.size != (width, height):
-            cls._only = None  # free the old one first
-            cls._only = cls(width, height)
-        return cls._only
-
-    def _prepare_view(self) -> None:
-        scene = self._renderer.scene
-        scene.set_background(_BACKGROUND)
-        scene.view.set_post_processing(False)  # linear light: no tone mapping, no dithering
-        scene.view.set_antialiasing(False)
-        scene.view.set_sample_count(1)
-        scene.scene.enable_indirect_light(False)
-        scene.scene.enable_sun_light(False)
-
-    def radiance(
-        self,
-        vertices: NDArray[np.float64],
-        triangles: NDArray[np.int32],
-        uv: ArrayLike | None,
-        camera: Camera,
-        camera_from_panel: NDArray[np.float64],
-        light: Light,
-    ) -> NDArray[np.float64]:
-        scene = self._renderer.scene
-        scene.clear_geometry()
-        if self._lit:
-            scene.scene.remove_light("key")
-        scene.add_geometry("cloth", self._mesh(vertices, triangles, uv), self._material())
-        ray = -(camera_from_panel[:3, :3].T @ light.towards)
-        scene.scene.add_directional_light("key", [1.0, 1.0, 1.0], ray.astype(np.float32), _FULL_LUX, False)
-        self._lit = True
-        matrix = camera.matrix
-        matrix[:2, 2] += _PIXEL_CENTRE
-        self._renderer.setup_camera(matrix, camera_from_panel, camera.width, camera.height)
-        picture = np.asarray(self._renderer.render_to_image())
-        type(self)._renders += 1
-        cloth = picture[..., 0] == picture[..., 2]
-        facing = picture[..., 0].astype(np.float64) / _FULL_COUNT
-        return np.where(cloth, light.albedo * (light.ambient + light.direct * facing), 0.0)
-
-    def _mesh(self, vertices: NDArray[np.float64], triangles: NDArray[np.int32], uv: ArrayLike | None) -> Any:
-        geometry, utility = self._o3d.geometry, self._o3d.utility
-        mesh = geometry.TriangleMesh(utility.Vector3dVector(vertices), utility.Vector3iVector(triangles))
-        mesh.vertex_normals = utility.Vector3dVector(vertex_normals(vertices, triangles))
-        coordinates = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv, dtype=np.float64)
-        if coordinates.shape != (len(vertices), 2):
-            raise InputError(f"uv must have shape [{len(vertices)}, 2], got {coordinates.shape}", code="mesh_shape")
-        mesh.triangle_uvs = utility.Vector2dVector(coordinates[triangles].reshape(-1, 2))
-        return mesh
-
-    def _material(self) -> Any:
-        material = self._o3d.visualization.rendering.MaterialRecord()
-        material.shader = "defaultLit"
-        material.base_color = [1.0, 1.0, 1.0, 1.0]
-        material.base_roughness, material.base_reflectance, material.base_metallic = 1.0, 0.0, 0.0
-        return material
-
-
-@contextmanager
-def _stdout_to_stderr() -> Iterator[None]:
-    """Send what Open3D and Filament write to standard output, through Python or past it, to standard error."""
-    sys.stdout.flush()
-    saved = os.dup(1)
-    try:
-        os.dup2(2, 1)
-        with redirect_stdout(sys.stderr):
-            yield
-    finally:
-        os.dup2(saved, 1)
-        os.close(saved)
+    coordinates = np.zeros((len(v), 2)) if uv is None else np.asarray(uv, dtype=np.float64)
+    if coordinates.shape != (len(v), 2):
+        raise InputError(f"uv must have shape [{len(v)}, 2], got {coordinates.shape}", code="mesh_shape")
+    facing = _process.draw(DrawRequest(v, t, coordinates, camera, camera_from_panel, light.towards))
+    radiance = light.albedo * (light.ambient + light.direct * facing.astype(np.float64))
+    return np.nan_to_num(radiance, nan=0.0)

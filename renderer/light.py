@@ -16,15 +16,16 @@ class Light:
     """Radiance of cloth with unit normal n under light from l: albedo * (ambient + direct * max(0, n.l)).
 
     Attributes:
-        azimuth_deg: where the light comes from, seen from the cloth, to the camera's left of the optical axis [degree].
+        azimuth_deg: where the light comes from, to the camera's right of the optical axis [degree]. Wrinkles of the
+            ``stretch`` scene run from the upper left to the lower right: light along them would hide them.
         elevation_deg: and above it [degree].
         direct: irradiance of the directional light over pi, where it falls square on the cloth.
         ambient: the same of the ambient light, from all sides.
         albedo: share of the light that the cloth sends back.
     """
 
-    azimuth_deg: float = 40.0
-    elevation_deg: float = 35.0
+    azimuth_deg: float = 45.0
+    elevation_deg: float = 30.0
     direct: float = 0.80
     ambient: float = 0.15
     albedo: float = 0.9
@@ -38,7 +39,7 @@ class Light:
         """Unit vector from the cloth to the light, camera frame (x right, y down, z forward), float64 [3]."""
         azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
         return np.array(
-            [-math.sin(azimuth) * math.cos(elevation), -math.sin(elevation), -math.cos(azimuth) * math.cos(elevation)]
+            [math.sin(azimuth) * math.cos(elevation), -math.sin(elevation), -math.cos(azimuth) * math.cos(elevation)]
         )
 
     def radiance(self, normals: NDArray[np.float32]) -> NDArray[np.float64]:

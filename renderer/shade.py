@@ -66,10 +66,10 @@ class ShadedRenderer:
         self.supersample = supersample
         self._fine = camera.scaled(supersample)
         if self.engine is ShadeEngine.FILAMENT:
-            from renderer.filament import check_filament_camera, probe_filament
+            from renderer.filament import check_filament_camera, filament_process
 
             check_filament_camera(self._fine)
-            probe_filament()
+            filament_process().start(self._fine.width, self._fine.height)
 
     def render(
         self,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 
 import numpy as np
@@ -24,7 +26,7 @@ ENGINES = ("raycast", "filament")
 def vulkan() -> None:
     """Skips where there is no Vulkan device."""
     try:
-        filament.probe_filament()
+        filament.filament_process().start(256, 256)
     except MissingResourceError as error:
         pytest.skip(str(error))
 
@@ -65,13 +67,13 @@ def test_lamberts_law() -> None:
     )
 
 
-def test_light_comes_from_the_upper_left() -> None:
+def test_light_comes_from_the_upper_right() -> None:
     camera = CANONICAL_CAMERA
     ball = height_field(lambda x, y: np.sqrt(np.maximum(0.0, 0.2**2 - x**2 - (y + 0.25) ** 2)), x=(-0.2, 0.2))
     picture = shade_lambertian_raycast(*ball, camera, POSE).astype(int)
     row, column = np.unravel_index(np.argmax(picture), picture.shape)
     assert row < 128
-    assert column < 128
+    assert column > 128
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -96,6 +98,16 @@ def test_both_engines_draw_the_same_picture() -> None:
     difference = np.abs(ray.astype(int) - lit.astype(int))[ray_cloth & (lit > 0)]
     assert np.percentile(difference, 99) <= 2
     assert difference.mean() < 0.7
+
+
+def test_the_wrinkles_of_stretch_show() -> None:
+    """Ridges from the upper left to the lower right must not lie along the light."""
+    ridges = height_field(lambda x, y: 0.02 + 0.004 * np.sin(60.0 * (x + y)), cells=200)
+    across = height_field(lambda x, y: 0.02 + 0.004 * np.sin(60.0 * (x - y)), cells=200)
+    shown, hidden = (
+        shade_lambertian_raycast(*mesh, CANONICAL_CAMERA, POSE)[100:160, 100:160] for mesh in (ridges, across)
+    )
+    assert shown.std() > 2.0 * hidden.std()
 
 
 def test_same_bits_every_time() -> None:
@@ -142,36 +154,51 @@ def test_bad_input_is_refused() -> None:
 
 
 @pytest.mark.usefixtures("vulkan")
-def test_filament_refuses_other_threads_and_worn_out_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    pictures("filament")
-    caught: list[DrapemeterError] = []
+def test_filament_draws_from_any_thread_and_writes_nothing_to_standard_output(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    expected, _ = pictures("filament")
+    drawn: list[NDArray[np.uint8]] = []
+    threads = [threading.Thread(target=lambda: drawn.append(pictures("filament")[0])) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(drawn) == 3
+    assert all(np.array_equal(picture, expected) for picture in drawn)
+    assert capfd.readouterr().out == ""
 
-    def elsewhere() -> None:
-        try:
-            pictures("filament")
-        except DrapemeterError as error:
-            caught.append(error)
 
-    thread = threading.Thread(target=elsewhere)
-    thread.start()
-    thread.join()
-    assert [error.code for error in caught] == ["renderer_thread"]
-    monkeypatch.setattr(filament, "MAX_RENDERS_PER_PROCESS", 1)
-    with pytest.raises(DrapemeterError, match="restart the worker"):
+@pytest.mark.usefixtures("vulkan")
+def test_a_grown_renderer_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected, _ = pictures("filament")
+    before = filament.filament_process().pid
+    monkeypatch.setattr(filament, "MAX_GROWTH_MB", -1.0)
+    assert np.array_equal(pictures("filament")[0], expected)
+    monkeypatch.undo()
+    assert np.array_equal(pictures("filament")[0], expected)
+    assert filament.filament_process().pid != before
+
+
+@pytest.mark.usefixtures("vulkan")
+def test_a_renderer_that_dies_is_an_error_and_the_next_one_works() -> None:
+    expected, _ = pictures("filament")
+    process = filament.filament_process()
+    assert process.pid is not None
+    os.kill(process.pid, signal.SIGSTOP)
+    killer = threading.Timer(0.3, os.kill, (process.pid, signal.SIGKILL))
+    killer.start()
+    with pytest.raises(DrapemeterError) as error:
         pictures("filament")
+    assert error.value.code == "renderer_died"
+    assert np.array_equal(pictures("filament")[0], expected)
 
 
 def test_a_machine_without_vulkan_gets_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("VK_DRIVER_FILES", "VK_ICD_FILENAMES"):
         monkeypatch.setenv(name, "/nonexistent")
-    monkeypatch.setattr(filament, "probe_filament", filament.probe_filament.__wrapped__)
+    filament.filament_process().close()
     with pytest.raises(MissingResourceError, match="raycast") as error:
         ShadedRenderer(CANONICAL_CAMERA, engine="filament")
     assert error.value.code == "vulkan_missing"
-
-
-@pytest.mark.usefixtures("vulkan")
-def test_filament_writes_nothing_to_standard_output(capfd: pytest.CaptureFixture[str]) -> None:
-    filament._Filament._only = None
-    pictures("filament")
-    assert capfd.readouterr().out == ""
+    assert "\n" not in str(error.value)
