@@ -16,6 +16,7 @@ from metric.simulate import SimulationPlan, simulate_fabrics
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import render_depth
 from renderer.depth_png import write_depth_png
+from renderer.picture import write_png
 from renderer.ply import write_ply
 from renderer.shade import ShadedRenderer
 from services.demo import fabrics, pictures
@@ -62,7 +63,7 @@ def one_drape(out: Path, resolution_m: float, seed: int) -> None:
         write_ply(out / f"{scene}.ply", drape.vertices, triangles)
         write_depth_png(out / f"{scene}-depth.png", depth)
         pictures.write_height_map(out / f"{scene}-height.png", depth)
-        pictures.write_grey(out / f"{scene}-shaded.png", shaded)
+        write_png(out / f"{scene}-shaded.png", shaded)
 
 
 def sweeps(path: Path, resolution_m: float, seed: int, on_done: Callable[[], None] | None = None) -> None:

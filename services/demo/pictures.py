@@ -18,15 +18,6 @@ if TYPE_CHECKING:
 PANEL_DEPTH_M = 0.9
 
 
-def write_grey(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Write a grey picture, uint8 [H, W]."""
-    from PIL import Image
-
-    content = io.BytesIO()
-    Image.fromarray(picture).save(content, format="PNG", optimize=True)
-    write_atomically(path, content.getvalue())
-
-
 def write_height_map(path: Path, depth: NDArray[np.float32]) -> None:
     """Write a depth picture [m], float32 [H, W] (0 = no data), as colours of the height over the panel."""
     figure = new_figure(4.6, 3.9)

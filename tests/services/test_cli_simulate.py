@@ -5,8 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from capture.capture_set import CaptureSet
+from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from renderer.depth_png import read_depth_png
+from renderer.ply import read_ply
 from services.cli import main
 
 FABRIC = {
@@ -83,6 +88,12 @@ def test_unusable_parameters_exit_2_and_write_nothing(
         (["--depth", "a.ply"], "output_twice"),
         (["--seed", "-1"], "seed_negative"),
         (["--seed", "one"], "usage"),
+        (["--effect", "wind=1"], "effect_unknown"),
+        (["--effect", "air_draft"], "effect_magnitude"),
+        (["--effect", "air_draft=strong"], "effect_magnitude"),
+        (["--effect", "air_draft=nan"], "effect_magnitude"),
+        (["--effect", "air_draft=0.1", "--effect", "air_draft=0.2"], "effect_twice"),
+        (["--effect", "depth_scale=0.01"], "effect_needs_picture"),
     ],
 )
 def test_bad_arguments_exit_2_and_write_nothing(
@@ -97,6 +108,31 @@ def test_bad_arguments_exit_2_and_write_nothing(
     assert main.run([*command(parameters, Path("a.ply")), *arguments]) == 2
     expect_one_line(capsys, code)
     assert list(tmp_path.iterdir()) == [parameters]
+
+
+def test_effects_change_drape_and_picture(parameters: Path, tmp_path: Path) -> None:
+    plain, drafty = tmp_path / "plain.ply", tmp_path / "drafty.ply"
+    near, far = tmp_path / "near.png", tmp_path / "far.png"
+    stretch = ["--scene", "stretch"]
+    assert main.run(command(parameters, plain, *stretch)) == 0
+    assert main.run(command(parameters, drafty, *stretch, "--effect", "air_draft=0.4")) == 0
+    assert read_ply(drafty).vertices[:, 2].mean() > read_ply(plain).vertices[:, 2].mean()
+    assert main.run(command(parameters, plain, "--depth", str(near))) == 0
+    assert main.run(command(parameters, plain, "--depth", str(far), "--effect", "depth_scale=0.02")) == 0
+    ratio = read_depth_png(far) / read_depth_png(near)
+    assert np.median(ratio) == pytest.approx(1.02, abs=5e-4)
+
+
+def test_pictures_add_up_to_a_capture_set(parameters: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    for seed in ("0", "1"):
+        arguments = command(parameters, tmp_path / "a.ply", "--seed", seed, "--capture-set", str(folder))
+        assert main.run([*arguments, "--fabric", "f1", "--effect", "camera_translation=tx:0.02"]) == 0
+    captures = CaptureSet.load(folder).captures
+    assert [(c.fabric.id, c.scene, c.repeat) for c in captures] == [("f1", "hanging", 0), ("f1", "hanging", 1)]
+    assert captures[0].fabric.density == FABRIC["density"]
+    assert captures[0].camera == CANONICAL_CAMERA
+    assert np.array_equal(captures[0].camera_from_panel, frontal_pose())  # nominal: the effect is not given away
 
 
 def expect_one_line(capsys: pytest.CaptureFixture[str], code: str) -> None:

@@ -1,0 +1,93 @@
+"""What `drapemeter simulate` writes: the mesh, the depth picture, an entry of a capture set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.sources import DepthSource
+from diagnosis.scene import SimulationScene
+from renderer.camera import Camera
+from simcore.drape import Drape
+from simcore.errors import InputError
+from simcore.parameters import FabricParameters
+
+SENSOR_STREAM = 1
+"""Spawn key of the sensor's noise; the solver's jitter uses the seed itself."""
+
+
+class OnePicture(DepthSource):
+    """A depth source of one frame: counts, uint16 [H, W]."""
+
+    def __init__(self, camera: Camera, counts: NDArray[np.uint16]) -> None:
+        self._camera, self._counts = camera, counts
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that took it."""
+        return self._camera
+
+    def frames(self) -> Iterator[NDArray[np.uint16]]:
+        """The one frame."""
+        yield self._counts
+
+
+def check_outputs(out: Path, depth: Path | None) -> None:
+    """Refuse early what could not be written later.
+
+    Raises:
+        InputError: a folder is not there, a path is a folder, or both are the same file.
+    """
+    for path in (out,) if depth is None else (out, depth):
+        if not path.absolute().parent.is_dir():
+            raise InputError(f"{path}: its folder does not exist; make it first", code="folder_missing")
+        if path.is_dir():
+            raise InputError(f"{path} is a folder: name a file", code="output_is_folder")
+    if depth is not None and depth.absolute() == out.absolute():
+        raise InputError(f"{out} cannot be both the drape and its depth picture", code="output_twice")
+
+
+def take_picture(drape: Drape, scene: SimulationScene, seed: int) -> NDArray[np.float32]:
+    """Depth of the drape before its panel as the scene's camera and sensor see it [m], float32 [H, W]."""
+    from renderer.depth import render_depth
+
+    ideal = render_depth(
+        drape.vertices, drape.mesh.triangles, scene.camera, scene.camera_from_panel, panel=scene.setup.panel
+    )
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(SENSOR_STREAM,)))
+    return scene.sensor.apply(ideal, rng, camera=scene.camera)
+
+
+def write_files(drape: Drape, out: Path, picture: NDArray[np.float32] | None, depth: Path | None) -> None:
+    """Write the mesh and, where asked, the picture; each file whole or not at all."""
+    from renderer.depth_png import write_depth_png
+    from renderer.ply import write_ply
+
+    write_ply(out, drape.vertices, drape.mesh.triangles)
+    if depth is not None and picture is not None:
+        write_depth_png(depth, picture)
+
+
+def add_capture(
+    folder: Path, fabric: str, cloth: FabricParameters, nominal: SimulationScene, picture: NDArray[np.float32]
+) -> None:
+    """Add the picture to a capture set, made if it is not there, under the nominal camera and set-up.
+
+    Raises:
+        InputError: the set cannot take it.
+    """
+    from capture.record import NewCapture, record_capture
+    from renderer.depth_png import quantise_depth
+
+    setup = {
+        "sample_size_m": list(nominal.setup.sample_size_m),
+        "camera_from_panel": nominal.camera_from_panel.tolist(),
+        "panel": nominal.setup.panel,
+        "pin_radius_m": nominal.setup.pin_radius_m,
+    }
+    source = OnePicture(nominal.camera, quantise_depth(picture, nominal.camera.depth_unit_m))
+    new = NewCapture(fabric=fabric, scene=nominal.setup.scene.value, density=cloth.density, setup=setup)
+    record_capture(source, folder, new)

@@ -1,0 +1,95 @@
+"""The demonstration from its first to its last step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from services.demo import captures, drapes, fabrics, learning
+from services.demo.plan import DemoPlan
+from services.demo.steps import StepClock, prepare_folder
+from simcore.scenes import Scene
+from trainer.model import TrainedModel
+
+STEPS = 6
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What the demonstration found; the pictures lie in its folder.
+
+    Attributes:
+        samples, failed: rows of the store, and how many of them failed.
+        estimates: each parameter of each named fabric beside its truth.
+        error, error_of_mean: mean absolute error of the logarithm on held-out materials, of the network and of
+            predicting the training mean.
+        distances: between the named fabrics.
+        seconds: of each step.
+    """
+
+    samples: int
+    failed: int
+    estimates: list[learning.EstimateRow]
+    error: float
+    error_of_mean: float
+    distances: drapes.DistanceMatrix
+    seconds: dict[str, float]
+
+
+def run_chain(out: Path, plan: DemoPlan) -> DemoResult:
+    """Run every step into a folder.
+
+    Raises:
+        InputError: the folder holds something else.
+        DrapemeterError: a step failed; what the steps before it made stays.
+    """
+    prepare_folder(out)
+    clock = StepClock(STEPS)
+    with clock.step("simulate and render one fabric in both scenes"):
+        drapes.one_drape(out, plan.fine_m, plan.seed)
+    with clock.step("sweep bending and stretch stiffness", 4 * len(fabrics.BENDING_SWEEP)) as bar:
+        drapes.sweeps(out / "sweep.png", plan.fine_m, plan.seed, bar.advance)
+    with clock.step("make a store of fabrics on Ray", 2 * plan.materials) as bar:
+        summary = learning.make_store(
+            out / "store.zarr",
+            materials=plan.materials,
+            resolution_m=plan.coarse_m,
+            seed=plan.seed,
+            on_done=bar.advance,
+        )
+    with clock.step("train an estimator on it") as bar:
+        model = learning.learn(
+            out / "store.zarr",
+            out / "model",
+            epochs=plan.epochs,
+            seed=plan.seed,
+            on_step=lambda step, total: bar.update(completed=step, total=total),
+        )
+    with clock.step("estimate fabrics that were not in it", 2 * len(fabrics.NAMED)) as bar:
+        captures.simulate_captures(
+            out / "captures",
+            fabrics.NAMED,
+            repeats=1,
+            resolution_m=plan.coarse_m,
+            seed=plan.seed + 1,
+            on_done=bar.advance,
+        )
+        estimates = learning.estimate(out / "model", out / "captures")
+    with clock.step("drape distances", 2 * plan.simulations * len(fabrics.NAMED)) as bar:
+        distances = drapes.distances(out / "distances.png", plan.coarse_m, plan.simulations, plan.seed, bar.advance)
+    error, error_of_mean = errors(model)
+    return DemoResult(
+        samples=summary.samples,
+        failed=sum(summary.failed.values()),
+        estimates=estimates,
+        error=error,
+        error_of_mean=error_of_mean,
+        distances=distances,
+        seconds=clock.seconds,
+    )
+
+
+def errors(model: TrainedModel) -> tuple[float, float]:
+    """Mean absolute error of the logarithm over the six parameters, of both scenes together and of the mean."""
+    both = "+".join(scene.value for scene in Scene)
+    return model.metrics.average(both, "mae_log"), model.metrics.average("mean", "mae_log")
