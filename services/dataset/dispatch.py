@@ -13,7 +13,7 @@ from services.dataset.configuration import SweepConfiguration
 from services.dataset.fabrics import FabricTable
 from services.dataset.shard import ShardTask
 from services.dataset.worker import ShardWorker, SimulationDone
-from simcore.errors import DrapemeterError, StoreError
+from simcore.errors import StoreError
 
 MAX_DEATHS = 3
 """Workers that one simulation may take with it before its rows say so."""
@@ -59,6 +59,7 @@ class Dispatcher:
         configuration, fabrics: the sweep.
         options: how to spread it.
         listen: called with each worker's word.
+        worker_class: what runs in a worker's process; another one in tests.
     """
 
     def __init__(
@@ -68,6 +69,7 @@ class Dispatcher:
         fabrics: FabricTable,
         options: DispatchOptions,
         listen: Callable[[SimulationDone], None] = lambda word: None,
+        worker_class: type[Any] = ShardWorker,
     ) -> None:
         import ray
 
@@ -76,7 +78,7 @@ class Dispatcher:
         self._fabrics = fabrics
         self._options = options
         self._listen = listen
-        self._actor_class = ray.remote(ShardWorker)
+        self._actor_class = ray.remote(worker_class)
         self._retry: deque[int] = deque()
         self._deaths: Counter[int] = Counter()
         self._shard_deaths: Counter[int] = Counter()
@@ -88,6 +90,7 @@ class Dispatcher:
 
         Raises:
             InputError, StoreError: the place of the store fails; what is stored stays, a resumed sweep does the rest.
+            StoreError: a shard took worker after worker without getting on.
         """
         import ray
 
@@ -142,12 +145,8 @@ class Dispatcher:
             return self._recycled(slot)
         except ray.exceptions.RayTaskError as error:
             del self._running[stream]
-            cause = error.cause
-            if isinstance(cause, DrapemeterError):
-                ray.kill(slot.actor)
-                raise cause from None
-            self._lost(slot, RowStatus.CRASHED, f"{type(cause).__name__}: {cause}")
-            return None
+            ray.kill(slot.actor)
+            raise error.cause from None  # the worker lives and says what is wrong: another try would say the same
         except ray.exceptions.RayError as error:
             del self._running[stream]
             self._lost(slot, RowStatus.CRASHED, f"the worker died ({type(error).__name__})")

@@ -1,0 +1,74 @@
+"""The driver's loop with workers that die, hang, fill the disk or grow old."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from services.dataset.cluster import ray_cluster
+from services.dataset.dispatch import Dispatcher, DispatchOptions
+from services.dataset.worker import SimulationDone
+from simcore.errors import InputError
+from tests.services.dataset_helpers import SHARDS, small_sweep
+from tests.services.dataset_stub_workers import (
+    DyingWorker,
+    FaultyWorker,
+    FullDiskWorker,
+    HangingWorker,
+    ObedientWorker,
+)
+
+pytestmark = pytest.mark.ray
+CONFIGURATION, FABRICS = small_sweep(time_limit_s=0.5)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cluster() -> Iterator[int]:
+    """Two workers' worth of Ray on this machine."""
+    with ray_cluster("local", 2) as workers:
+        yield workers
+
+
+def dispatch(folder: Path, worker_class: type[ObedientWorker], **options: float) -> list[SimulationDone]:
+    """Run all shards; what was heard."""
+    heard: list[SimulationDone] = []
+    chosen = DispatchOptions(workers=2, **options)  # type: ignore[arg-type]  # whole numbers where they are wanted
+    Dispatcher(str(folder), CONFIGURATION, FABRICS, chosen, heard.append, worker_class).run(range(SHARDS))
+    return heard
+
+
+def shards(folder: Path) -> dict[int, str]:
+    """What the finished shards hold."""
+    return {int(path.name): path.read_text() for path in folder.iterdir() if path.name.isdigit()}
+
+
+def test_all_shards_are_done_once_and_old_workers_replaced(tmp_path: Path) -> None:
+    heard = dispatch(tmp_path, ObedientWorker, recycle_after=5)
+    assert sorted(word.simulation for word in heard) == list(range(20))
+    assert len(shards(tmp_path)) == SHARDS
+    assert max(word.solves for word in heard) == 6, "replaced after the shard in which the fifth solve falls"
+    assert len({word.process_id for word in heard}) >= 4
+
+
+def test_a_simulation_that_keeps_killing_is_given_up_and_the_others_kept(tmp_path: Path) -> None:
+    dispatch(tmp_path, DyingWorker)
+    assert shards(tmp_path) == dict.fromkeys(range(6), "ok ok ok") | {1: "ok crashed ok", 6: "ok ok"}
+
+
+def test_a_hung_simulation_is_ended_and_told(tmp_path: Path) -> None:
+    dispatch(tmp_path, HangingWorker, silence_factor=1.0, start_allowance_s=20.0)
+    assert shards(tmp_path)[2] == "ok timed_out ok" and len(shards(tmp_path)) == SHARDS
+
+
+def test_a_full_disk_ends_the_sweep_with_its_own_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no space") as raised:
+        dispatch(tmp_path, FullDiskWorker)
+    assert raised.value.code == "store_no_space"
+    assert 2 not in shards(tmp_path)
+
+
+def test_a_fault_of_the_program_is_told_as_it_is(tmp_path: Path) -> None:
+    with pytest.raises(KeyError, match="a fault of the program"):
+        dispatch(tmp_path, FaultyWorker)
