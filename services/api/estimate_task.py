@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from services.jobs.task import Report
-from simcore.errors import InputError
+from simcore.errors import InputError, MissingResourceError
 
 if TYPE_CHECKING:
     from trainer.predict import Estimator
 
 
 def estimate_pictures(
-    document: str, pictures: Mapping[str, bytes], density: float, model: Path | None, *, report: Report
+    document: str, pictures: Mapping[str, bytes], density: float, model: Path, *, report: Report
 ) -> dict[str, Any]:
     """Estimate the one fabric of a capture set that came over the wire.
 
@@ -24,7 +24,7 @@ def estimate_pictures(
         document: its ``captures.json``.
         pictures: depth pictures by file name.
         density: of the fabric [kg/m²].
-        model: folder of the estimator; None for the one that ships with the package.
+        model: folder of the estimator.
         report: not needed, an estimate takes a second.
 
     Returns:
@@ -32,7 +32,7 @@ def estimate_pictures(
 
     Raises:
         InputError: pictures that show no cloth, do not fit the camera, or cannot be registered.
-        MissingResourceError: there is no model.
+        MissingResourceError: the model cannot be read.
     """
     from capture.capture_set import CaptureSet
     from capture.prepare import prepare
@@ -61,10 +61,13 @@ def estimate_pictures(
 
 
 @lru_cache(maxsize=1)
-def _load(model: Path | None) -> Estimator:
+def _load(model: Path) -> Estimator:
     import torch
 
     from trainer.predict import Estimator
 
     torch.set_num_threads(1)  # the other cores are the jobs'
-    return Estimator.load(model)
+    try:
+        return Estimator.load(model)
+    except InputError as error:  # the server's fault, not the caller's
+        raise MissingResourceError(str(error), code=error.code) from None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+from types import FrameType
+
 import structlog
 import uvicorn
 
@@ -29,9 +32,17 @@ def run_server(settings: Settings) -> None:
         timeout_graceful_shutdown=SHUTDOWN_S,
         timeout_keep_alive=30,
     )
+    server = uvicorn.Server(config)
+
+    def leave(_signal: int, _frame: FrameType | None) -> None:
+        server.should_exit = True
+
+    # uvicorn raises the signal again once it has ended; with the default handlers we would end before our workers.
+    signal.signal(signal.SIGTERM, leave)
+    signal.signal(signal.SIGINT, leave)
     workers.start()
     try:
-        uvicorn.Server(config).run()
+        server.run()
     finally:
         workers.close()
 

@@ -6,9 +6,12 @@ import multiprocessing
 import signal
 import threading
 import time
+from collections.abc import Callable
 
 import structlog
 
+from services.jobs.execute import execute
+from services.jobs.task import TaskOutput
 from services.settings import Settings
 
 RESPAWN_AFTER_S = 1.0
@@ -16,8 +19,13 @@ RESPAWN_AFTER_S = 1.0
 log = structlog.get_logger("drapemeter.serve")
 
 
-def run_worker(settings: Settings) -> None:
-    """Body of a worker process, also of ``drapemeter serve --worker-only``: works until SIGTERM or its parent's end."""
+def run_worker(settings: Settings, work: Callable[..., TaskOutput] = execute) -> None:
+    """Body of a worker process, also of ``drapemeter serve --worker-only``: works until SIGTERM or its parent's end.
+
+    Args:
+        settings: of the service.
+        work: does one task, importable in another process.
+    """
     from services.db.engine import Database
     from services.jobs.child import ChildProcess
     from services.jobs.worker import JobWorker
@@ -34,7 +42,7 @@ def run_worker(settings: Settings) -> None:
         threading.Thread(target=_follow, args=(parent, stopping), daemon=True).start()
     database = Database(settings.database)
     try:
-        JobWorker(settings, database, ChildProcess("drapemeter-job"), stopping).run()
+        JobWorker(settings, database, ChildProcess("drapemeter-job"), stopping, work).run()
     finally:
         database.close()
 

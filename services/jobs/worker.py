@@ -12,6 +12,7 @@ import socket
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import structlog
@@ -38,14 +39,23 @@ class JobWorker:
         database: this process's own.
         runner: where the work is done.
         stopping: set from elsewhere to end; the job under way is given back.
+        work: does one task, importable in another process.
     """
 
-    def __init__(self, settings: Settings, database: Database, runner: Runner, stopping: threading.Event) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        database: Database,
+        runner: Runner,
+        stopping: threading.Event,
+        work: Callable[..., TaskOutput] = execute,
+    ) -> None:
         self.name = f"{socket.gethostname()}-{os.getpid()}-{time.time_ns():x}"
         self._settings = settings
         self._database = database
         self._runner = runner
         self._stopping = stopping
+        self._work = work
         self._queue = JobQueue(database, lease_s=settings.job_lease_s, max_attempts=settings.job_attempts)
         self._beat_every_s = min(settings.job_lease_s / 4, 2.0)
         self._last_beat = self._last_purge = float("-inf")
@@ -76,7 +86,7 @@ class JobWorker:
                 inputs = gather(session, claim.kind, claim.inputs)
             resources = Resources(self._settings.model, self._settings.dataset_root, self._settings.ray_address)
             task = Task(claim.id, claim.kind, inputs, claim.files, resources, scratch)
-            self._runner.start(Call(execute, (task,)))
+            self._runner.start(Call(self._work, (task,)))
             outcome = self._watch(claim)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)

@@ -17,6 +17,7 @@ from services.api.documented import problems
 from services.api.estimate_task import estimate_pictures
 from services.api.idempotency import Answer, IdempotencyKey, Once, fingerprint
 from services.api.inference import InferenceBusyError, InferenceTimeoutError
+from services.api.model_folder import require_model
 from services.api.problems import ProblemError
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
@@ -93,7 +94,7 @@ async def create_estimate(
 
 
 async def _compute(state: ServiceState, document: str, pictures: dict[str, bytes], density: float) -> dict[str, Any]:
-    call = Call(estimate_pictures, (document, pictures, density, state.settings.model))
+    call = Call(estimate_pictures, (document, pictures, density, require_model(state.settings.model)))
     try:
         with state.metrics.estimate_seconds.time():
             found: dict[str, Any] = await state.inference.run(call)

@@ -47,4 +47,3 @@ def create_fabric_search(
         if known is None:
             raise ProblemError(404, "fabric_not_found", "there is no such fabric to look for")
     return submit_job(state, caller, idempotency_key, "fabric_search", inputs.model_dump(mode="json"))
-

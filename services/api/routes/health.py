@@ -14,6 +14,7 @@ from sqlalchemy.exc import DBAPIError
 
 from services.api.auth import Caller, require
 from services.api.documented import problems
+from services.api.model_folder import find_model
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.db.base import utc_now
@@ -63,12 +64,11 @@ def readyz(state: State) -> JSONResponse:
                 workers = len(session.scalars(select(Worker.id).where(Worker.seen_at > recent)).all())
     except DBAPIError:
         database = "unreachable"
-    model = state.settings.model
     readiness = Readiness(
         status="ready" if database == "ok" else "not_ready",
         database=database,
         workers=workers,
-        model="present" if model is not None and (model / "model.json").is_file() else "absent",
+        model="present" if find_model(state.settings.model) is not None else "absent",
     )
     return JSONResponse(readiness.model_dump(mode="json"), 200 if database == "ok" else 503)
 

@@ -1,0 +1,32 @@
+"""Where the estimator's model is, told without loading anything heavy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from simcore.errors import MissingResourceError
+
+META_FILE = "model.json"
+
+
+def find_model(configured: Path | None) -> Path | None:
+    """The configured folder, else the model that ships with the package; None where there is none."""
+    import trainer
+
+    folder = configured if configured is not None else Path(trainer.__path__[0]) / "weights" / "default"
+    return folder if (folder / META_FILE).is_file() else None
+
+
+def require_model(configured: Path | None) -> Path:
+    """The same, needed.
+
+    Raises:
+        MissingResourceError: there is none.
+    """
+    folder = find_model(configured)
+    if folder is None:
+        raise MissingResourceError(
+            "the server has no trained model: set DRAPEMETER_MODEL to a folder made by `drapemeter train`",
+            code="model_missing",
+        )
+    return folder

@@ -1,0 +1,127 @@
+"""The fabric library: adding, reading, paging, product-lifecycle references, search by drape."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.services.served import QUICK, SOFT, STIFF, finished, serving
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
+    """A server with an empty library."""
+    with serving(tmp_path_factory.mktemp("library"), "--workers", "0") as running, running.client() as client:
+        yield client
+
+
+def add(client: httpx.Client, name: str, **more: Any) -> httpx.Response:
+    return client.post("/v1/fabrics", json={"name": name, "parameters": STIFF, **more})
+
+
+def reference(**changes: str) -> dict[str, str]:
+    return {"system": "windchill", "id": uuid.uuid4().hex, "revision": "A", **changes}
+
+
+def test_a_fabric_is_added_and_read_back(library: httpx.Client) -> None:
+    ref = reference()
+    added = add(library, "Köper 200", plm_ref=ref, attributes={"composition": "cotton"})
+    assert added.status_code == 201
+    read = library.get(added.headers["location"])
+    assert read.json() == added.json()
+    assert read.json()["plm_ref"] == ref
+    assert read.json()["parameters"] == STIFF
+    assert read.headers["etag"] == added.headers["etag"]
+    unchanged = library.get(added.headers["location"], headers={"If-None-Match": read.headers["etag"]})
+    assert (unchanged.status_code, unchanged.content) == (304, b"")
+
+
+def test_a_plm_reference_is_taken_once(library: httpx.Client) -> None:
+    ref = reference()
+    assert add(library, "one", plm_ref=ref).status_code == 201
+    again = add(library, "two", plm_ref=ref)
+    assert (again.status_code, again.json()["code"]) == (409, "plm_ref_taken")
+    assert add(library, "next revision", plm_ref={**ref, "revision": "B"}).status_code == 201
+    found = library.get("/v1/fabrics", params={"plm_system": "windchill", "plm_id": ref["id"]}).json()
+    assert [f["plm_ref"]["revision"] for f in found["items"]] == ["A", "B"]
+
+
+def test_two_at_once_with_one_key_make_one_fabric(library: httpx.Client) -> None:
+    name, headers = uuid.uuid4().hex, {"Idempotency-Key": uuid.uuid4().hex}
+    body = {"name": name, "parameters": SOFT}
+    with ThreadPoolExecutor(8) as pool:
+        answers = list(pool.map(lambda _: library.post("/v1/fabrics", json=body, headers=headers), range(8)))
+    assert {a.status_code for a in answers} == {201}
+    assert len({a.json()["id"] for a in answers}) == 1
+
+
+def test_a_refused_request_may_be_mended_under_its_key(library: httpx.Client) -> None:
+    ref, headers = reference(), {"Idempotency-Key": uuid.uuid4().hex}
+    add(library, "there", plm_ref=ref)
+    body = {"name": "mended", "parameters": SOFT}
+    assert library.post("/v1/fabrics", json={**body, "plm_ref": ref}, headers=headers).status_code == 409
+    assert library.post("/v1/fabrics", json=body, headers=headers).status_code == 201
+
+
+def test_pages_hold_every_fabric_once_also_while_some_are_added(library: httpx.Client) -> None:
+    made = [add(library, f"page {n}").json()["id"] for n in range(7)]
+    seen: list[str] = []
+    cursor = None
+    while True:
+        params = {"limit": 3} if cursor is None else {"limit": 3, "cursor": cursor}
+        page = library.get("/v1/fabrics", params=params).json()
+        seen += [f["id"] for f in page["items"]]
+        add(library, "meanwhile") if len(seen) == 3 else None
+        cursor = page["next_cursor"]
+        if cursor is None:
+            break
+    assert len(seen) == len(set(seen))
+    assert set(made) <= set(seen)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"name": ""},
+        {"name": "x" * 201},
+        {"name": "a\x00b"},
+        {"parameters": {**STIFF, "density": 200}},
+        {"parameters": {k: v for k, v in STIFF.items() if k != "density"}},
+        {"plm_ref": {"system": "windchill"}},
+        {"attributes": {"a": 1}},
+        {"surprise": True},
+    ],
+)
+def test_unusable_fabrics_are_refused(library: httpx.Client, change: dict[str, Any]) -> None:
+    answer = library.post("/v1/fabrics", json={"name": "x", "parameters": STIFF, **change})
+    assert (answer.status_code, answer.json()["code"]) == (422, "validation_failed")
+
+
+def test_search_ranks_the_library_by_drape(client: httpx.Client) -> None:
+    """On the tests' common server, whose worker has compiled already; no other test adds fabrics to it."""
+    answer = client.post("/v1/fabrics/search", json={"reference": STIFF, **QUICK})
+    job = finished(client, answer.headers["location"])
+    assert (job["status"], job["problem"]["code"]) == ("failed", "library_empty")
+    limp = {**SOFT, "bending_warp": 2e-6, "bending_weft": 2e-6, "bending_bias": 2e-6}
+    ids = [
+        client.post("/v1/fabrics", json={"name": name, "parameters": parameters}).json()["id"]
+        for name, parameters in [("board", STIFF), ("soft", SOFT), ("limp", limp)]
+    ]
+    answer = client.post("/v1/fabrics/search", json={"fabric_id": ids[0], **QUICK})
+    job = finished(client, answer.headers["location"])
+    assert job["status"] == "succeeded", job
+    ranking = job["result"]["ranking"]
+    assert {r["id"] for r in ranking} == set(ids[1:])
+    assert ranking[0]["distance"] <= ranking[1]["distance"]
+    picture = client.get(job["files"][0]["url"])
+    assert picture.content.startswith(b"\x89PNG")
+    assert picture.headers["content-disposition"].startswith("attachment")
+    assert client.get(f"{answer.headers['location']}/files/nothing.png").json()["code"] == "file_not_found"
+    answer = client.post("/v1/fabrics/search", json={"reference": {**STIFF, "density": 0.21}, "limit": 1, **QUICK})
+    job = finished(client, answer.headers["location"])
+    assert [r["name"] for r in job["result"]["ranking"]] == ["board"]

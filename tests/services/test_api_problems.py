@@ -1,0 +1,116 @@
+"""Errors are RFC 9457 problems with a stable code, whatever went wrong."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.services.served import QUICK, SOFT, STIFF
+
+Request = tuple[str, str, dict[str, Any]]
+COMPARE = {"a": STIFF, "b": SOFT, **QUICK}
+
+
+def problem(answer: httpx.Response) -> dict[str, Any]:
+    """A problem document, checked for form."""
+    assert answer.headers["content-type"] == "application/problem+json"
+    body: dict[str, Any] = answer.json()
+    assert {"type", "title", "status", "code", "detail", "instance", "request_id"} <= set(body)
+    assert body["status"] == answer.status_code
+    assert body["type"] == f"urn:drapemeter:problem:{body['code']}"
+    assert body["request_id"] == answer.headers["x-request-id"]
+    return body
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "options", "status", "code"),
+    [
+        ("GET", "/nowhere", {}, 404, "not_found"),
+        ("GET", "/v1/fabrics/", {}, 404, "not_found"),
+        ("PATCH", "/v1/fabrics", {}, 405, "method_not_allowed"),
+        ("GET", "/v1/jobs/job_unknown", {}, 404, "job_not_found"),
+        ("DELETE", "/v1/jobs/job_unknown", {}, 404, "job_not_found"),
+        ("GET", "/v1/fabrics/fab_unknown", {}, 404, "fabric_not_found"),
+        ("GET", "/v1/fabrics?cursor=AAAA", {}, 422, "cursor_invalid"),
+        ("GET", "/v1/fabrics?limit=0", {}, 422, "validation_failed"),
+        ("POST", "/v1/drape-distances", {"content": b"{", "headers": {"content-type": "application/json"}}, 422, None),
+        ("POST", "/v1/drape-distances", {"json": {**COMPARE, "a": {**STIFF, "density": -1}}}, 422, "validation_failed"),
+        ("POST", "/v1/drape-distances", {"json": {**COMPARE, "extra": 1}}, 422, "validation_failed"),
+        (
+            "POST",
+            "/v1/drape-distances",
+            {"json": {**COMPARE, "resolution_m": 0.013}},
+            422,
+            "resolution_does_not_divide",
+        ),
+        ("POST", "/v1/drape-distances", {"json": {**COMPARE, "backend": "psychic"}}, 422, "backend_unknown"),
+        ("POST", "/v1/fabrics/search", {"json": {**QUICK}}, 422, "reference_missing"),
+        ("POST", "/v1/fabrics/search", {"json": {**QUICK, "fabric_id": "fab_x"}}, 404, "fabric_not_found"),
+        ("POST", "/v1/datasets", {"json": {"materials": 0}}, 422, "validation_failed"),
+        ("POST", "/v1/datasets", {"json": {"materials": 2, "scenes": ["hanging", "hanging"]}}, 422, "scenes"),
+        ("POST", "/v1/diagnoses", {"files": {"capture_set": ("a.zip", b"no zip")}}, 422, "archive_not_zip"),
+    ],
+)
+def test_bad_requests_get_a_problem_with_a_code(
+    client: httpx.Client, method: str, path: str, options: dict[str, Any], status: int, code: str | None
+) -> None:
+    answer = client.request(method, path, **options)
+    assert answer.status_code == status, answer.text
+    assert code is None or problem(answer)["code"] == code
+
+
+def test_numbers_that_json_does_not_have_are_refused(client: httpx.Client) -> None:
+    text = '{"a": {"density": NaN}, "b": {"density": Infinity}}'
+    answer = client.post("/v1/drape-distances", content=text, headers={"content-type": "application/json"})
+    assert answer.status_code == 422
+    assert problem(answer)["errors"]
+
+
+def test_validation_problems_name_the_field(client: httpx.Client) -> None:
+    answer = client.post("/v1/drape-distances", json={**COMPARE, "b": {**SOFT, "bending_warp": "soft"}})
+    assert problem(answer)["errors"][0]["pointer"] == "body/b/bending_warp"
+
+
+def test_a_request_longer_than_allowed_is_refused_whether_announced_or_not(client: httpx.Client) -> None:
+    long = b"x" * (3 * 1024 * 1024)
+
+    def chunks() -> Any:
+        yield from (long[i : i + 2**18] for i in range(0, len(long), 2**18))
+
+    for content in (long, chunks()):
+        try:
+            answer = client.post("/v1/fabrics", content=content, headers={"content-type": "application/json"})
+        except httpx.WriteError:
+            continue  # the server has answered and hung up while we were still sending
+        assert problem(answer)["code"] == "request_too_large"
+        assert answer.status_code == 413
+
+
+def archive(files: dict[str, bytes]) -> bytes:
+    """A ZIP of these files."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as writer:
+        for name, content in files.items():
+            writer.writestr(name, content)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("files", "code"),
+    [
+        ({"../captures.json": b"{}"}, "archive_unsafe"),
+        ({"/captures.json": b"{}"}, "archive_unsafe"),
+        ({"captures.json": b"{}", "..\\evil.png": b""}, "archive_unsafe"),
+        ({"depth.png": b""}, "captures_json_missing"),
+        ({"captures.json": b"{}"}, "capture_format_unknown"),
+        ({"captures.json": b"{}", "bomb.png": bytes(5 * 1024 * 1024)}, "archive_too_large"),
+    ],
+)
+def test_unsafe_archives_are_refused(client: httpx.Client, files: dict[str, bytes], code: str) -> None:
+    answer = client.post("/v1/diagnoses", files={"capture_set": ("set.zip", archive(files))})
+    assert answer.status_code == 422
+    assert problem(answer)["code"] == code

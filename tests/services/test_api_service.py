@@ -1,0 +1,78 @@
+"""The main path: real requests to a real server."""
+
+from __future__ import annotations
+
+import httpx
+import pytest
+
+from tests.services.served import QUICK, SOFT, STIFF, Served, finished
+
+
+def test_health_and_readiness_need_no_key(client: httpx.Client) -> None:
+    assert client.get("/healthz").json() == {"status": "ok"}
+    ready = client.get("/readyz")
+    assert ready.status_code == 200
+    assert ready.json()["database"] == "ok"
+    assert ready.json()["model"] == "present"
+
+
+def test_a_distance_job_is_polled_to_its_end(client: httpx.Client) -> None:
+    answer = client.post("/v1/drape-distances", json={"a": STIFF, "b": SOFT, **QUICK})
+    assert answer.status_code == 202
+    assert int(answer.headers["retry-after"]) >= 1
+    job = finished(client, answer.headers["location"])
+    assert job["status"] == "succeeded", job
+    result = job["result"]
+    assert result["distance"] > 0.001
+    assert set(result["scenes"]) == {"hanging", "stretch"}
+    assert (result["backend"], result["unit"], result["simulations"]) == ("depth", "m", 1)
+    assert job["progress"] == 1.0
+
+
+def test_the_same_idempotency_key_gives_the_same_job(client: httpx.Client) -> None:
+    headers = {"Idempotency-Key": "once-and-only-once"}
+    body = {"a": STIFF, "b": STIFF, **QUICK}
+    first = client.post("/v1/drape-distances", json=body, headers=headers)
+    again = client.post("/v1/drape-distances", json=dict(reversed(body.items())), headers=headers)
+    assert (first.status_code, again.status_code) == (202, 202)
+    assert again.headers["location"] == first.headers["location"]
+    assert again.headers["idempotent-replayed"] == "true"
+    other = client.post("/v1/drape-distances", json={**body, "seed": 5}, headers=headers)
+    assert (other.status_code, other.json()["code"]) == (422, "idempotency_key_reused")
+    client.delete(first.headers["location"])
+
+
+def test_a_waiting_or_running_job_can_be_cancelled(client: httpx.Client) -> None:
+    body = {"a": STIFF, "b": SOFT, **QUICK, "simulations": 100, "resolution_m": 0.01, "seed": 99}
+    location = client.post("/v1/drape-distances", json=body).headers["location"]
+    answer = client.delete(location)
+    assert answer.status_code in {200, 202}
+    assert finished(client, location)["status"] == "cancelled"
+    assert client.delete(location).status_code == 200  # once more does no harm
+
+
+def test_an_ended_job_cannot_be_cancelled(client: httpx.Client) -> None:
+    location = client.post("/v1/drape-distances", json={"a": STIFF, "b": SOFT, **QUICK}).headers["location"]
+    finished(client, location)
+    answer = client.delete(location)
+    assert (answer.status_code, answer.json()["code"]) == (409, "job_ended")
+
+
+def test_metrics_count_requests_and_jobs(client: httpx.Client) -> None:
+    client.get("/healthz")
+    text = client.get("/metrics").text
+    assert 'drapemeter_requests_total{method="GET",route="/healthz",status="200"}' in text
+
+
+def test_each_answer_carries_a_request_id_that_the_log_has(client: httpx.Client, served: Served) -> None:
+    answer = client.get("/healthz", headers={"X-Request-ID": "from-the-caller-1"})
+    assert answer.headers["x-request-id"] == "from-the-caller-1"
+    evil = client.get("/healthz", headers={"X-Request-ID": "a b\tc"})
+    assert evil.headers["x-request-id"] != "a b\tc"
+    assert any(line.get("request_id") == "from-the-caller-1" for line in served.lines)
+
+
+@pytest.mark.parametrize("headers", [{"Host": "evil.example"}, {"Origin": "http://evil.example"}])
+def test_an_open_server_refuses_foreign_web_pages(client: httpx.Client, headers: dict[str, str]) -> None:
+    answer = client.get("/v1/fabrics", headers=headers)
+    assert (answer.status_code, answer.json()["code"]) == (403, "origin_refused")

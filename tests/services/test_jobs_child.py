@@ -1,0 +1,66 @@
+"""The process that does the work: answers, refusals, crashes, stopping, recycling."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from services.jobs.child import ChildProcess
+from services.jobs.task import Call, Crashed, Done, Event, Progress, Refused
+from tests.services import job_functions
+
+
+@pytest.fixture
+def child() -> Iterator[ChildProcess]:
+    made = ChildProcess("test", recycle_after=3)
+    yield made
+    made.stop()
+
+
+def ending(child: ChildProcess) -> Event:
+    """The event that ends a call."""
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        event = child.poll(0.1)
+        if event is not None and not isinstance(event, Progress):
+            return event
+    raise AssertionError("no answer")
+
+
+def test_a_result_a_refusal_and_a_mistake_come_back_as_what_they_are(child: ChildProcess) -> None:
+    child.start(Call(job_functions.double, (21,)))
+    assert ending(child) == Done(42)
+    child.start(Call(job_functions.refuse))
+    assert ending(child) == Refused("of_the_test", "give something else", bad_input=True)
+    child.start(Call(job_functions.fall))
+    assert ending(child) == Crashed("ended with exit status 1", again=False)
+    child.start(Call(job_functions.double, (1,)))  # a new process
+    assert ending(child) == Done(2)
+
+
+def test_a_killed_process_may_be_tried_again(child: ChildProcess) -> None:
+    child.start(Call(job_functions.die))
+    assert ending(child) == Crashed("ended by SIGKILL", again=True)
+
+
+def test_stopping_lets_the_work_clean_up(child: ChildProcess, tmp_path: Path) -> None:
+    child.start(Call(job_functions.sleep, (str(tmp_path / "mark"),)))
+    while not (tmp_path / "mark.started").exists():
+        assert child.poll(0.05) is None
+    child.stop()
+    assert (tmp_path / "mark.tidied").exists()
+
+
+def test_the_process_is_kept_and_replaced_after_some_calls(child: ChildProcess) -> None:
+    found = []
+    for _ in range(4):
+        child.start(Call(job_functions.process_id))
+        event = ending(child)
+        assert isinstance(event, Done)
+        found.append(event.value)
+    assert found[0] == found[1] == found[2] != found[3]
+    assert not psutil.pid_exists(found[0])

@@ -1,0 +1,171 @@
+"""The queue: one job to one worker, leases, crashes, cancelling. SQLite here, PostgreSQL in `test_jobs_postgres`."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
+
+import pytest
+from sqlalchemy import select, update
+
+from services.db.base import utc_now
+from services.db.engine import Database
+from services.db.idempotency import IdempotencyRecord
+from services.db.jobs import Job, JobFile, JobStatus
+from services.jobs.maintenance import purge
+from services.jobs.queue import Claim, FileContent, JobQueue, enqueue, request_cancel
+
+ARCHIVE = FileContent("a.zip", "application/zip", b"content")
+REPORT = FileContent("report.html", "text/html", b"<p>")
+
+
+@pytest.fixture
+def queue(database: Database) -> JobQueue:
+    return JobQueue(database, lease_s=0.3, max_attempts=2)
+
+
+def add(database: Database, *, kind: str = "drape_distance") -> str:
+    with database.write() as session:
+        return enqueue(session, kind, {"n": 1}, files=[ARCHIVE]).id
+
+
+def read(database: Database, job_id: str) -> Job:
+    with database.read() as session:
+        return session.scalars(select(Job).where(Job.id == job_id)).one()
+
+
+def files(database: Database, role: str) -> list[str]:
+    with database.read() as session:
+        return list(session.scalars(select(JobFile.name).where(JobFile.role == role)))
+
+
+def claimed(queue: JobQueue, worker: str = "w") -> Claim:
+    claim = queue.claim(worker)
+    assert claim is not None
+    return claim
+
+
+def test_jobs_come_in_order_with_their_files(database: Database, queue: JobQueue) -> None:
+    first, second = add(database), add(database)
+    one, two = claimed(queue), claimed(queue, "other")
+    assert (one.id, two.id) == (first, second)
+    assert one.files == (ARCHIVE,)
+    assert queue.claim("w") is None
+
+
+def test_no_job_goes_to_two_workers(database: Database, queue: JobQueue) -> None:
+    ids = {add(database) for _ in range(30)}
+
+    def drain(worker: str) -> list[str]:
+        found = []
+        while (claim := queue.claim(worker)) is not None:
+            found.append(claim.id)
+        return found
+
+    with ThreadPoolExecutor(6) as pool:
+        taken = [job for jobs in pool.map(drain, "abcdef") for job in jobs]
+    assert len(taken) == 30
+    assert set(taken) == ids
+
+
+def test_a_result_is_stored_and_inputs_are_dropped(database: Database, queue: JobQueue) -> None:
+    job_id = add(database)
+    assert queue.succeed(claimed(queue), {"distance": 0.5}, [REPORT])
+    job = read(database, job_id)
+    assert (job.status, job.result, job.progress, job.worker) == ("succeeded", {"distance": 0.5}, 1.0, None)
+    assert (files(database, "input"), files(database, "output")) == ([], ["report.html"])
+
+
+def test_a_silent_workers_job_is_given_to_another_and_its_late_result_dropped(
+    database: Database, queue: JobQueue
+) -> None:
+    job_id = add(database)
+    silent = claimed(queue, "silent")
+    assert queue.reap() == 0
+    time.sleep(0.4)
+    assert queue.reap() == 1
+    second = claimed(queue, "second")
+    assert (second.id, second.attempt) == (job_id, 2)
+    assert queue.renew(silent) is None
+    assert not queue.succeed(silent, {"distance": 1.0})
+    assert queue.succeed(second, {"distance": 2.0})
+    assert read(database, job_id).result == {"distance": 2.0}
+
+
+def test_a_job_that_kills_its_workers_is_given_up(database: Database, queue: JobQueue) -> None:
+    job_id = add(database)
+    for _ in range(2):
+        claimed(queue)
+        time.sleep(0.4)
+        queue.reap()
+    job = read(database, job_id)
+    assert job.status == JobStatus.FAILED
+    assert job.problem is not None
+    assert job.problem["code"] == "job_crashed"
+    assert queue.claim("w") is None
+
+
+def test_renewing_keeps_the_lease_and_tells_of_cancelling(database: Database, queue: JobQueue) -> None:
+    job_id = add(database)
+    claim = claimed(queue)
+    for _ in range(4):
+        time.sleep(0.15)
+        assert queue.renew(claim, progress=0.25, message="still at it") is True
+    assert queue.reap() == 0
+    assert (read(database, job_id).progress, read(database, job_id).message) == (0.25, "still at it")
+    with database.write() as session:
+        request_cancel(session, session.scalars(select(Job)).one())
+    assert queue.renew(claim) is False
+    assert queue.cancel(claim)
+    assert read(database, job_id).status == JobStatus.CANCELLED
+
+
+def test_a_job_given_back_in_good_order_does_not_lose_an_attempt(database: Database, queue: JobQueue) -> None:
+    add(database)
+    for _ in range(5):
+        claim = claimed(queue)
+        assert claim.attempt == 1
+        assert queue.release(claim, count_attempt=False)
+    first = claimed(queue)
+    assert queue.release(first, count_attempt=True)
+    assert claimed(queue).attempt == 2
+
+
+def test_a_cancelled_job_of_a_silent_worker_is_not_run_again(database: Database, queue: JobQueue) -> None:
+    job_id = add(database)
+    claimed(queue)
+    with database.write() as session:
+        request_cancel(session, session.scalars(select(Job)).one())
+    time.sleep(0.4)
+    queue.reap()
+    assert read(database, job_id).status == JobStatus.CANCELLED
+
+
+def test_a_waiting_job_is_cancelled_at_once(database: Database, queue: JobQueue) -> None:
+    job_id = add(database)
+    with database.write() as session:
+        request_cancel(session, session.scalars(select(Job)).one())
+    assert read(database, job_id).status == JobStatus.CANCELLED
+    assert queue.claim("w") is None
+    assert files(database, "input") == []
+
+
+def test_old_jobs_and_answers_are_forgotten(database: Database, queue: JobQueue) -> None:
+    old, kept = add(database), add(database)
+    queue.succeed(claimed(queue), {}, [REPORT])
+    queue.succeed(claimed(queue), {}, [REPORT])
+    long_ago = utc_now() - timedelta(days=40)
+    with database.write() as session:
+        session.execute(update(Job).where(Job.id == old).values(finished_at=long_ago))
+        for key, created in (("old", long_ago), ("new", utc_now())):
+            session.add(
+                IdempotencyRecord(
+                    caller="", key=key, fingerprint="f", status=200, headers={}, body={}, created_at=created
+                )
+            )
+    purge(database, jobs_after_days=30, answers_after_hours=24)
+    with database.read() as session:
+        assert list(session.scalars(select(Job.id))) == [kept]
+        assert list(session.scalars(select(IdempotencyRecord.key))) == ["new"]
+    assert files(database, "output") == ["report.html"]

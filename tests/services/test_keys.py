@@ -1,0 +1,181 @@
+"""API keys: making, scopes, revoking, and when a server needs them."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from services.api.keys import create_key, find_key, revoke_key
+from services.api.scopes import ApiScope, parse_scopes
+from services.db.base import utc_now
+from services.db.engine import Database
+from services.settings import Settings
+from simcore.errors import InputError
+from tests.services.served import QUICK, STIFF, Served, drapemeter, serving
+
+
+def prefix(token: str) -> str:
+    """The part of a token that may be shown."""
+    return "_".join(token.split("_", 2)[:2])
+
+
+def test_a_key_is_found_by_its_token_only(database: Database) -> None:
+    with database.write() as session:
+        key = create_key(session, "plm", (ApiScope.FABRICS_READ,))
+    with database.read() as session:
+        found = find_key(session, key.token)
+        assert found is not None
+        assert found.scopes == ["fabrics:read"]
+        for wrong in (key.token[:-1] + ("A" if key.token[-1] != "A" else "B"), key.token[:-1], "", "dm_", key.id):
+            assert find_key(session, wrong) is None
+
+
+def test_the_secret_is_not_in_the_database(database: Database, tmp_path: Path) -> None:
+    with database.write() as session:
+        key = create_key(session, "plm", (ApiScope.FABRICS_READ,))
+    secret = key.token.split("_", 2)[2]
+    stored = [tuple(row) for row in sqlite3.connect(tmp_path / "test.db").execute("SELECT * FROM api_keys")]
+    assert secret not in str(stored)
+    assert len(secret) >= 43
+
+
+def test_revoked_and_expired_keys_are_refused(database: Database) -> None:
+    with database.write() as session:
+        revoked = create_key(session, "a", tuple(ApiScope))
+        expiring = create_key(session, "b", tuple(ApiScope), expires_after_days=1e-9)
+        revoke_key(session, prefix(revoked.token))
+    assert expiring.expires_at is not None
+    assert expiring.expires_at <= utc_now()
+    with database.read() as session:
+        assert find_key(session, revoked.token) is None
+        assert find_key(session, expiring.token) is None
+
+
+def test_unknown_scopes_and_keys_are_refused(database: Database) -> None:
+    with pytest.raises(InputError, match="unknown scope 'everything'"):
+        parse_scopes("fabrics:read,everything")
+    with pytest.raises(InputError, match="no scope"):
+        parse_scopes(" , ")
+    assert set(parse_scopes("*")) == set(ApiScope)
+    with database.write() as session, pytest.raises(InputError, match="no API key"):
+        revoke_key(session, "dm_unknown")
+
+
+def test_the_command_line_makes_lists_and_revokes(tmp_path: Path) -> None:
+    made = drapemeter(tmp_path, "keys", "create", "--name", "plm", "--scopes", "fabrics:read", "--json")
+    key = json.loads(made.stdout)
+    assert key["token"].startswith("dm_")
+    assert key["scopes"] == ["fabrics:read"]
+    listed = json.loads(drapemeter(tmp_path, "keys", "list", "--json").stdout)
+    assert [k["name"] for k in listed["keys"]] == ["plm"]
+    assert key["token"] not in json.dumps(listed)
+    revoked = drapemeter(tmp_path, "keys", "revoke", key["id"], "--json")
+    assert json.loads(revoked.stdout) == {"id": key["id"], "revoked": True}
+    refused = drapemeter(tmp_path, "keys", "create", "--name", "x", "--scopes", "all")
+    assert refused.returncode == 2
+    assert "unknown scope 'all'" in refused.stderr
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, Path]]:
+    """A server in production mode, which needs keys even on loopback."""
+    folder = tmp_path_factory.mktemp("guarded")
+    with serving(folder, "--workers", "0", DRAPEMETER_ENVIRONMENT="production") as running:
+        running.log("Uvicorn running on")
+        yield running, folder
+
+
+def token(folder: Path, scopes: str) -> dict[str, str]:
+    """A new key of the guarded server, as a header."""
+    database = Database(f"sqlite:///{folder}/service.db")
+    with database.write() as session:
+        key = create_key(session, "test", parse_scopes(scopes))
+    database.close()
+    return {"Authorization": f"Bearer {key.token}"}
+
+
+def test_without_a_valid_key_only_health_answers(guarded: tuple[Served, Path]) -> None:
+    served, _ = guarded
+    assert served.log("no_api_key")
+    with served.client() as client:
+        assert client.get("/healthz").status_code == client.get("/readyz").status_code == 200
+        for path in ("/v1/fabrics", "/v1/jobs/job_x", "/metrics"):
+            answer = client.get(path)
+            assert (answer.status_code, answer.json()["code"]) == (401, "key_missing")
+            assert answer.headers["www-authenticate"] == "Bearer"
+        for wrong in ("Bearer dm_000000000000_" + "A" * 43, "Bearer x", "Basic eDp5"):
+            answer = client.get("/v1/fabrics", headers={"Authorization": wrong})
+            assert (answer.status_code, answer.json()["code"]) == (401, "key_invalid")
+
+
+def test_a_key_does_what_its_scopes_say_and_no_more(guarded: tuple[Served, Path]) -> None:
+    served, folder = guarded
+    reader = token(folder, "fabrics:read")
+    with served.client(headers=reader) as client:
+        assert client.get("/v1/fabrics").status_code == 200
+        answer = client.post("/v1/fabrics", json={"name": "x", "parameters": STIFF})
+        assert (answer.status_code, answer.json()["code"]) == (403, "scope_missing")
+        assert client.get("/metrics").status_code == 403
+
+
+def test_jobs_belong_to_the_key_that_made_them(guarded: tuple[Served, Path]) -> None:
+    served, folder = guarded
+    with served.client() as client:
+        owner, stranger = token(folder, "distances:write"), token(folder, "distances:write")
+        overseer = token(folder, "jobs:read")
+        body = {"a": STIFF, "b": STIFF, **QUICK}
+        location = client.post("/v1/drape-distances", json=body, headers=owner).headers["location"]
+        assert client.get(location, headers=owner).status_code == 200
+        assert client.get(location, headers=stranger).status_code == 404
+        assert client.get(location, headers=overseer).status_code == 200
+        assert client.delete(location, headers=overseer).status_code == 404
+        assert client.delete(location, headers=owner).json()["status"] == "cancelled"
+
+
+def test_idempotency_keys_of_different_callers_do_not_meet(guarded: tuple[Served, Path]) -> None:
+    served, folder = guarded
+    with served.client(headers={"Idempotency-Key": "shared"}) as client:
+        ids = {
+            client.post("/v1/fabrics", json={"name": n, "parameters": STIFF}, headers=token(folder, "*")).json()["id"]
+            for n in ("one", "two")
+        }
+    assert len(ids) == 2
+
+
+def test_a_revoked_key_stops_working_at_once(guarded: tuple[Served, Path]) -> None:
+    served, folder = guarded
+    headers = token(folder, "fabrics:read")
+    with served.client(headers=headers) as client:
+        assert client.get("/v1/fabrics").status_code == 200
+        database = Database(f"sqlite:///{folder}/service.db")
+        with database.write() as session:
+            revoke_key(session, prefix(headers["Authorization"].split()[1]))
+        database.close()
+        assert client.get("/v1/fabrics").status_code == 401
+
+
+def test_the_first_key_closes_an_open_server(tmp_path: Path) -> None:
+    with serving(tmp_path, "--workers", "0") as running, running.client() as client:
+        assert running.log("open_to_this_machine")
+        assert client.get("/v1/fabrics").status_code == 200
+        key = json.loads(drapemeter(tmp_path, "keys", "create", "--name", "a", "--json").stdout)
+        assert client.get("/v1/fabrics").status_code == 401
+        drapemeter(tmp_path, "keys", "revoke", key["id"])
+        assert client.get("/v1/fabrics").status_code == 401  # revoking the last does not open it again
+        assert httpx.get(f"{running.url}/healthz").status_code == 200
+
+
+@pytest.mark.parametrize("password", ["", "postgres", "changeme", "drapemeter"])
+def test_default_database_passwords_are_refused_when_others_can_come(password: str) -> None:
+    url = f"postgresql://drapemeter:{password}@db/drapemeter"
+    with pytest.raises(InputError, match="default"):
+        Settings(host="0.0.0.0", database=url).require_safe()
+    with pytest.raises(InputError, match="default"):
+        Settings(environment="production", database=url).require_safe()
+    Settings(database=url).require_safe()
+    Settings(host="0.0.0.0", database="postgresql://drapemeter:sFwq29xVbn@db/drapemeter").require_safe()
