@@ -19,8 +19,7 @@ from trainer.config import AugmentConfig, TrainConfig
 from trainer.dataset import PictureSource
 from trainer.evaluate import Metrics, evaluate
 from trainer.presets import preset_config
-from trainer.split import split_materials
-from trainer.train import train
+from trainer.train import split_of, train
 
 
 def ladder(base: TrainConfig, *, pretrained: bool) -> dict[str, TrainConfig]:
@@ -71,12 +70,7 @@ def run(source_by_inclination: Mapping[str, PictureSource], configs: Mapping[str
         source = source_by_inclination[config.inclinations]
         model = train(source, config)
         pictures = source.table()
-        split = split_materials(
-            pictures.material,
-            seed=config.seed,
-            train_share=config.train_share,
-            calibration_share=config.calibration_share,
-        )
+        split = split_of(pictures, config)
         results[name] = evaluate(model.network, source, pictures.upright(), split, model.scaling, model.intervals)
     return results
 

@@ -171,13 +171,8 @@ class PairStream(IterableDataset[Pair]):
         info = get_worker_info()
         workers, worker = (info.num_workers, info.id) if info else (1, 0)
         lane, lanes = self.partition.rank * workers + worker, self.partition.world_size * workers
+        check_lanes(self.table, lanes)
         shards = np.unique(self.table.shard)
-        if len(shards) < lanes:
-            raise InputError(
-                f"{lanes} loaders but only {len(shards)} shards of pictures to share: use fewer ranks or workers, or a "
-                "store with smaller shards",
-                code="too_few_shards",
-            )
         return shards[lane::lanes], lane
 
     def _pairs(self, shards: NDArray[np.int64], generator: np.random.Generator) -> Iterator[Pair]:
@@ -214,6 +209,21 @@ class PairStream(IterableDataset[Pair]):
                 self._cache[entry] = heights.clone()
                 self._cached_bytes += size
         return result
+
+
+def check_lanes(table: PictureTable, lanes: int) -> None:
+    """Refuse more loaders (ranks times workers each) than shards.
+
+    Raises:
+        InputError: code ``too_few_shards``.
+    """
+    shards = len(np.unique(table.shard))
+    if shards < lanes:
+        raise InputError(
+            f"{lanes} loaders but only {shards} shards of training pictures to share: use fewer ranks or workers, or a "
+            "store with smaller shards",
+            code="too_few_shards",
+        )
 
 
 def pair_up(table: PictureTable, generator: np.random.Generator | None) -> NDArray[np.int64]:

@@ -14,7 +14,7 @@ from torch import Tensor
 from trainer.augment import Augmenter
 from trainer.calibrate import calibrate
 from trainer.config import TrainConfig
-from trainer.dataset import SCENES, Batch, PairStream, Partition, PictureSource, PictureTable, batches
+from trainer.dataset import SCENES, Batch, PairStream, Partition, PictureSource, PictureTable, batches, check_lanes
 from trainer.distributed import average_gradients, average_statistics, broadcast_state
 from trainer.evaluate import evaluate
 from trainer.model import TrainedModel, round_weights
@@ -96,12 +96,9 @@ def learn(
     """
     torch.set_num_threads(config.threads)
     table = source.table()
-    split = split_materials(
-        table.material, seed=config.seed, train_share=config.train_share, calibration_share=config.calibration_share
-    )
-    training = table.of_materials(split.train)
-    if config.inclinations == "upright":
-        training = training.upright()
+    split = split_of(table, config)
+    training = training_pictures(table, split, config)
+    check_lanes(training, partition.world_size * max(1, config.workers))
     scaling = TargetScaling.fit(training.material_parameters(), config.network.targets)
     network, base = build_network(config)
     broadcast_state(network, partition)
@@ -110,6 +107,19 @@ def learn(
     fit(network, pairs, steps_of(training, config, partition), config, scaling, partition=partition, report=report)
     record = {"data": provenance or {}, "base_weights": asdict(base) if base else None, "torch": torch.__version__}
     return Learnt(config, network, source, table, split, scaling, record)
+
+
+def split_of(table: PictureTable, config: TrainConfig) -> MaterialSplit:
+    """The run's split of the materials."""
+    return split_materials(
+        table.material, seed=config.seed, train_share=config.train_share, calibration_share=config.calibration_share
+    )
+
+
+def training_pictures(table: PictureTable, split: MaterialSplit, config: TrainConfig) -> PictureTable:
+    """What the run learns from."""
+    training = table.of_materials(split.train)
+    return training.upright() if config.inclinations == "upright" else training
 
 
 def finish(learnt: Learnt) -> TrainedModel:

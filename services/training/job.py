@@ -94,8 +94,19 @@ def train_on_ray(
     """
     if ranks < 1:
         raise InputError(f"{ranks} ranks: give at least 1", code="ranks")
+    _check_store(store, config, ranks)
     with ray_cluster(address, ranks * config.threads):
         return _train(store, config, ranks, report)
+
+
+def _check_store(store: str, config: TrainConfig, ranks: int) -> None:
+    """Find out what would stop every rank before a cluster is started."""
+    from trainer.dataset import check_lanes
+    from trainer.store_source import StoreSource
+    from trainer.train import split_of, training_pictures
+
+    table = StoreSource(store).table()
+    check_lanes(training_pictures(table, split_of(table, config), config), ranks * max(1, config.workers))
 
 
 def _train(store: str, config: TrainConfig, ranks: int, report: Callable[[Progress], None] | None) -> TrainedModel:

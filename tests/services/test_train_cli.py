@@ -1,0 +1,190 @@
+"""`drapemeter train` and `drapemeter estimate`, from a store to an estimate."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture.capture_set import new_document, write_captures_json
+from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from renderer.depth_png import write_depth_png
+from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
+from services.cli import main
+from simcore.parameters import ESTIMATED_NAMES, UNITS
+from tests.trainer.analytic import AnalyticSource
+
+QUICK = ["--preset", "quick", "--epochs", "1", "--trunk-width", "0.125"]
+
+
+def depth_counts(source: AnalyticSource, rows: np.ndarray) -> np.ndarray:
+    """The analytic cloth as the store holds it: 0.1 mm of depth, 256 x 256."""
+    heights = np.kron(source.read(rows).numpy(), np.ones((1, 4, 4), dtype=np.int16))
+    return (9000 - heights).astype(np.uint16)
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    source = AnalyticSource(materials=16, jitters=1)
+    table = source.table()
+    layout = StoreLayout(
+        materials=16,
+        scenes=("hanging", "stretch"),
+        jitters=1,
+        inclinations_deg=(0.0,),
+        simulations_per_shard=8,
+        vertex_count=4,
+    )
+    path = tmp_path_factory.mktemp("store") / "s.zarr"
+    writer = StoreWriter.create(path, layout, configuration={"made": "by hand"}, seed=1, software_version="test")
+    for shard in range(layout.shards):
+        rows = np.asarray(layout.shard_rows(shard))
+        count = len(rows)
+        writer.write_shard(
+            shard,
+            ShardRows(
+                depth=depth_counts(source, rows),
+                parameters=table.parameters[rows].astype(np.float32),
+                scene=table.scene[rows].astype(np.uint8),
+                status=np.full(count, RowStatus.OK, dtype=np.uint8),
+                reason=np.full(count, "", dtype=object),
+                inclination_deg=np.zeros(count, dtype=np.float32),
+                seed=np.zeros(count, dtype=np.uint64),
+                material=table.material[rows].astype(np.uint32),
+                jitter=np.zeros(count, dtype=np.uint32),
+                vertices=np.zeros((count, 4, 3), dtype=np.float32),
+                residual=np.zeros(count),
+                energy=np.zeros(count),
+            ),
+        )
+    return path
+
+
+@pytest.fixture(scope="module")
+def model(store: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("trained") / "model"
+    assert main.run(["train", "--store", str(store), "--out", str(folder), *QUICK]) == 0
+    return folder
+
+
+@pytest.fixture
+def capture_set(tmp_path: Path) -> Path:
+    return make_capture_set(tmp_path / "set", {"f1": 0.2, "f2": None})
+
+
+def make_capture_set(folder: Path, densities: dict[str, float | None]) -> Path:
+    """Two scenes of each fabric, seen by the canonical camera."""
+    source = AnalyticSource(materials=len(densities), jitters=1)
+    folder.mkdir()
+    captures = []
+    for row, (fabric, scene) in enumerate((f, s) for f in densities for s in ("hanging", "stretch")):
+        name = f"{fabric}-{scene}-0"
+        write_depth_png(folder / f"{name}.png", depth_counts(source, np.array([row]))[0] * np.float32(1e-4))
+        captures.append({"id": name, "fabric": fabric, "scene": scene, "repeat": 0, "depth": f"{name}.png"})
+    document = new_document(
+        name="analytic",
+        camera=CANONICAL_CAMERA,
+        fabrics=[{"id": fabric, "density": density} for fabric, density in densities.items()],
+        captures=captures,
+        setup={"camera_from_panel": frontal_pose().tolist()},
+    )
+    write_captures_json(document, folder)
+    return folder
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
+    capsys.readouterr()
+    assert main.run([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    capsys.readouterr()
+    code = main.run(list(arguments))
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said and "Traceback" not in said
+    return code, said
+
+
+def test_train_prints_one_document(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = run_json(capsys, "train", "--store", str(store), "--out", str(tmp_path / "m"), *QUICK)
+    assert set(document) == {"model", "model_version", "seconds", "config", "metrics"}
+    assert document["config"]["network"]["trunk_width"] == 0.125 and document["config"]["epochs"] == 1
+    assert document["metrics"]["materials"] == {"train": 13, "calibration": 2, "test": 1}
+    meta = json.loads((tmp_path / "m" / "model.json").read_text())
+    assert meta["model_version"] == document["model_version"]
+    assert meta["provenance"]["data"]["configuration"] == {"made": "by hand"}
+    assert meta["provenance"]["base_weights"] is None
+
+
+def test_estimate_prints_one_document(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = run_json(capsys, "estimate", str(capture_set), "--density", "0.15", "--model", str(model))
+    assert [f["id"] for f in document["fabrics"]] == ["f1", "f2"]
+    assert [f["density"] for f in document["fabrics"]] == [0.2, 0.15]
+    assert document["units"] == {name: UNITS[name] for name in ESTIMATED_NAMES}
+    assert len(document["model_version"]) == 16
+    for fabric in document["fabrics"]:
+        assert list(fabric["parameters"]) == list(ESTIMATED_NAMES)
+        assert all(low < fabric["parameters"][n] < high for n, (low, high) in fabric["intervals_90"].items())
+        assert fabric["scenes"] == ["hanging", "stretch"] and isinstance(fabric["out_of_distribution"], bool)
+
+
+def test_estimate_prints_a_table(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["estimate", str(capture_set), "--density", "0.15", "--model", str(model)]) == 0
+    said = capsys.readouterr().out
+    assert all(f"{name} " in said for name in ESTIMATED_NAMES) and "N·m" in said and "f2: 0.15 kg/m²" in said
+
+
+def test_a_missing_density_names_the_fabric(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = failure(capsys, "estimate", str(capture_set), "--model", str(model))
+    assert code == 2 and "f2" in said and "f1," not in said and "--density" in said
+
+
+def test_bad_input_is_told_in_one_line(
+    model: Path, capture_set: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, here = str(tmp_path / "new"), str(tmp_path)
+    cases = [
+        (["estimate", str(capture_set), "--density", "200", "--model", str(model)], "kg/m²"),
+        (["estimate", str(capture_set), "--density", "nan", "--model", str(model)], "kg/m²"),
+        (["estimate", here, "--density", "0.2", "--model", str(model)], "captures.json"),
+        (["estimate", str(capture_set), "--density", "0.2", "--model", here], "drapemeter train"),
+        (["train", "--store", str(tmp_path / "no.zarr"), "--out", out], "no.zarr"),
+        (["train", "--store", here, "--out", out, "--epochs", "0"], "epoch"),
+        (["train", "--store", here, "--out", out, "--preset", "best"], "standard, paper, quick"),
+        (["train", "--store", here, "--out", out, "--input-size", "100"], "input size 100"),
+        (["train", "--store", here, "--out", here], "holds no model"),
+    ]
+    for arguments, words in cases:
+        code, said = failure(capsys, *arguments)
+        assert code == 2 and words in said, (arguments, said)
+    assert not Path(out).exists()
+
+
+def test_an_empty_picture_is_refused(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flat = np.full((256, 256), 0.9, dtype=np.float32)
+    write_depth_png(capture_set / "f1-hanging-0.png", flat)
+    code, said = failure(capsys, "estimate", str(capture_set), "--density", "0.2", "--model", str(model))
+    assert code == 2 and "f1" in said
+
+
+def test_the_real_capture(model: Path, shared_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    place = str(shared_dir / "real" / "phisft-r1")
+    document = run_json(capsys, "estimate", place, "--density", "0.2", "--model", str(model))
+    (fabric,) = document["fabrics"]
+    assert len(fabric["parameters"]) == 6 and fabric["scenes"] == ["hanging"]
+    code, said = failure(capsys, "estimate", place, "--model", str(model))
+    assert code == 2 and "--density" in said
+
+
+@pytest.mark.ray
+@pytest.mark.slow
+def test_two_ranks_on_ray_train_one_model(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = str(tmp_path / "m")
+    document = run_json(capsys, "train", "--store", str(store), "--out", out, *QUICK, "--ranks", "2")
+    assert document["metrics"]["materials"]["test"] == 1
+    code, said = failure(capsys, "train", "--store", str(store), "--out", out, *QUICK, "--ranks", "5")
+    assert code == 2 and "5 loaders but only 4 shards" in said
