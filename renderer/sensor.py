@@ -143,3 +143,16 @@ SR300_LIKE = SensorModel(
 )
 """A coded-light camera of the SR300's kind: 0.125 mm counts (Zabatani et al., PAMI 2020), 1 mm of noise at 0.9 m as the
 capture sets state; baseline, edges and holes are round numbers of the right size, not a calibration."""
+
+SENSORS: dict[str, SensorModel] = {"ideal": IDEAL_SENSOR, "sr300": SR300_LIKE}
+
+
+def named_sensor(name: str) -> SensorModel:
+    """Sensor model by name.
+
+    Raises:
+        InputError: unknown name.
+    """
+    if name not in SENSORS:
+        raise InputError(f"unknown sensor {name!r}: choose {' or '.join(SENSORS)}", code="sensor_unknown")
+    return SENSORS[name]

@@ -11,7 +11,7 @@ import pytest
 
 from renderer.camera import CANONICAL_CAMERA, frontal_pose, ray_directions
 from renderer.depth import render_buffers, render_depth
-from renderer.sensor import IDEAL_SENSOR, SR300_LIKE, SensorModel
+from renderer.sensor import IDEAL_SENSOR, SR300_LIKE, SensorModel, named_sensor
 from renderer.sensor_holes import (
     add_flying_pixels,
     cast_shadow,
@@ -210,6 +210,12 @@ def test_bad_pictures_are_refused(box: np.ndarray) -> None:
             IDEAL_SENSOR.apply(bad, rng())
     with pytest.raises(InputError, match="camera"):
         SR300_LIKE.apply(box, rng())
+
+
+def test_sensors_by_name() -> None:
+    assert named_sensor("sr300") is SR300_LIKE
+    with pytest.raises(InputError, match="ideal or sr300"):
+        named_sensor("kinect")
 
 
 def test_every_setting_is_documented() -> None:
