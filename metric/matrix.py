@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from metric.backends import Backend
 from metric.drape_distance import RenderSets
 from metric.feature_cache import FeatureCache
-from metric.uncertainty import mean_and_error, self_mean_and_error
+from metric.uncertainty import means_and_errors, self_mean_and_error
 from simcore.errors import InputError
 from simcore.scenes import Scene
 
@@ -66,30 +66,45 @@ class PairTables:
         """The same with some scenes only."""
         return PairTables({scene: self.tables[scene] for scene in scenes})
 
-    def matrix(self, chosen: NDArray[np.int64] | None = None) -> DistanceMatrix:
-        """Distances from all repeats or from some.
+    def distances(self, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Distances from some of the repeats.
 
         Args:
-            chosen: repeats to use of each fabric, shape [n, M], M >= 2; all by default.
+            chosen: repeats to use of each fabric, shape [n, M].
+
+        Returns:
+            float64, shape [n, n]; the diagonal is the mean over different repeats, NaN where M is 1.
+        """
+        count, used = chosen.shape
+        flat = (np.arange(count)[:, None] * self.repeats + chosen).ravel()
+        place = np.arange(count)
+        total = np.zeros((count, count))
+        for table in self.tables.values():
+            part = table.reshape(count * self.repeats, -1)[np.ix_(flat, flat)].reshape(count, used, count, used)
+            means = part.mean(axis=(1, 3))
+            own = np.einsum("aiai->a", part)
+            means[place, place] = (means[place, place] * used**2 - own) / (used * (used - 1)) if used > 1 else np.nan
+            total += means
+        return total / len(self.tables)
+
+    def matrix(self) -> DistanceMatrix:
+        """Distances and their standard errors from all repeats.
 
         Raises:
             InputError: fewer than two repeats, which leave no d(a, a).
         """
-        count = self.fabrics
-        if chosen is None:
-            chosen = np.tile(np.arange(self.repeats), (count, 1))
-        if chosen.shape[1] < 2:
+        if self.repeats < 2:
             raise InputError("d(a, a) needs at least two simulations of each fabric", code="renders_too_few")
-        distance, variance = np.zeros((count, count)), np.zeros((count, count))
+        count = self.fabrics
+        variance = np.zeros((count, count))
         for table in self.tables.values():
-            for a in range(count):
-                for b in range(count):
-                    part = table[a][np.ix_(chosen[a], [b], chosen[b])][:, 0, :]
-                    mean, error = self_mean_and_error(part) if a == b else mean_and_error(part)
-                    distance[a, b] += mean
-                    variance[a, b] += np.nan if error is None else error**2
-        scenes = len(self.tables)
-        return DistanceMatrix(distance / scenes, np.sqrt(variance) / scenes)
+            pairs = table.transpose(0, 2, 1, 3).reshape(count * count, self.repeats, self.repeats)
+            errors = means_and_errors(pairs)[1].reshape(count, count)
+            own = [self_mean_and_error(table[a, :, a, :])[1] for a in range(count)]
+            errors[np.arange(count), np.arange(count)] = [np.nan if e is None else e for e in own]
+            variance += errors**2
+        everything = np.tile(np.arange(self.repeats), (count, 1))
+        return DistanceMatrix(self.distances(everything), np.sqrt(variance) / len(self.tables))
 
 
 def pair_tables(
@@ -154,12 +169,9 @@ def share_by_repeats(
 
 def _share_of_a_choice(tables: PairTables, count: int, rng: np.random.Generator) -> float:
     chosen = np.stack([rng.permutation(tables.repeats)[: max(count, 2)] for _ in range(tables.fabrics)])
-    if count >= 2:
-        return tables.matrix(chosen).self_nearest_share
-    total = np.zeros((tables.fabrics, tables.fabrics))
-    index = np.arange(tables.fabrics)
-    for table in tables.tables.values():
-        one = table[index[:, None], chosen[:, :1], index[None, :], chosen[:, 0][None, :]]
-        one[index, index] = table[index, chosen[:, 0], index, chosen[:, 1]]
-        total += one
-    return DistanceMatrix(total, total).self_nearest_share
+    distance = tables.distances(chosen)
+    if count == 1:
+        own = np.diag(distance).copy()
+        distance = tables.distances(chosen[:, :1])
+        np.fill_diagonal(distance, own)
+    return DistanceMatrix(distance, distance).self_nearest_share

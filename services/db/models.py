@@ -7,5 +7,20 @@ from services.db.base import Base
 from services.db.fabrics import Fabric
 from services.db.idempotency import IdempotencyRecord
 from services.db.jobs import Job, JobFile, JobStatus, Worker
+from services.db.studies import Study, StudyAnswer, StudyFabric, StudyParticipant, StudyPicture
 
-__all__ = ["ApiKey", "Base", "Fabric", "IdempotencyRecord", "Job", "JobFile", "JobStatus", "Worker"]
+__all__ = [
+    "ApiKey",
+    "Base",
+    "Fabric",
+    "IdempotencyRecord",
+    "Job",
+    "JobFile",
+    "JobStatus",
+    "Study",
+    "StudyAnswer",
+    "StudyFabric",
+    "StudyParticipant",
+    "StudyPicture",
+    "Worker",
+]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from metric.backends import Channel, SquaredEuclideanBackend
+from metric.euclidean import squared_distance_table
 from metric.render import DrapeRender
 
 
@@ -27,6 +29,28 @@ def folded_render(folds: float = 3.0, phase: float = 0.0, amplitude_m: float = 0
 def make_render() -> Callable[..., DrapeRender]:
     """`make_render(folds, phase, amplitude_m, size)`."""
     return folded_render
+
+
+class Pixels:
+    """Pixels as features, squared distance as distance."""
+
+    name = "pixels"
+    channel = Channel.SHADED
+    unit = ""
+    fingerprint = "pixels/1"
+    squared_distance_unit = 1.0
+
+    def features(self, renders: Sequence[DrapeRender]) -> list[np.ndarray]:
+        return [(r.need_shaded() / 255.0).astype(np.float32).ravel() / 128 for r in renders]
+
+    def table(self, a: Sequence[np.ndarray], b: Sequence[np.ndarray]) -> np.ndarray:
+        return squared_distance_table(a, b)
+
+
+@pytest.fixture
+def pixels() -> SquaredEuclideanBackend:
+    """A back end that needs no weights and can be sketched."""
+    return Pixels()
 
 
 @pytest.fixture(scope="session")

@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from metric.backends import Channel
+from metric.backends import SquaredEuclideanBackend
 from metric.descriptor import DescriptorStore, FabricDescriptor, thumbnail
 from metric.draping import DrapeRequest, RequestResult
-from metric.euclidean import squared_distance_table
 from metric.index import FabricIndex
 from metric.library import LibraryFabric
 from metric.render import DrapeRender
@@ -25,22 +24,6 @@ from simcore.scenes import Scene
 
 MakeRender = Callable[..., DrapeRender]
 PLAN = SimulationPlan(simulations=3, resolution_m=0.02)
-
-
-class Pixels:
-    """Pixels as features, squared distance as distance."""
-
-    name = "pixels"
-    channel = Channel.SHADED
-    unit = ""
-    fingerprint = "pixels/1"
-    squared_distance_unit = 1.0
-
-    def features(self, renders: Sequence[DrapeRender]) -> list[np.ndarray]:
-        return [(r.need_shaded() / 255.0).astype(np.float32).ravel() / 128 for r in renders]
-
-    def table(self, a: Sequence[np.ndarray], b: Sequence[np.ndarray]) -> np.ndarray:
-        return squared_distance_table(a, b)
 
 
 def fabric(stiffness: float) -> FabricParameters:
@@ -69,8 +52,8 @@ def order(found: list[RankedFabric]) -> list[str]:
     return [entry.id for entry in found]
 
 
-def test_nearest_first(make_render: MakeRender) -> None:
-    found = search_library(fabric(1.5**2), library(6), Pixels(), PLAN, runner=FakeSimulations(make_render))
+def test_nearest_first(make_render: MakeRender, pixels: SquaredEuclideanBackend) -> None:
+    found = search_library(fabric(1.5**2), library(6), pixels, PLAN, runner=FakeSimulations(make_render))
     assert order(found.ranking)[0] == "s2"
     assert [r.distance for r in found.ranking] == sorted(r.distance for r in found.ranking)
     assert all(r.standard_error is not None for r in found.ranking)
@@ -78,22 +61,24 @@ def test_nearest_first(make_render: MakeRender) -> None:
     assert found.reference_pictures[Scene.HANGING].shape == (64, 64)
 
 
-def test_sketches_give_the_same_ranking(make_render: MakeRender) -> None:
+def test_sketches_give_the_same_ranking(make_render: MakeRender, pixels: SquaredEuclideanBackend) -> None:
     runner = FakeSimulations(make_render)
-    exact = search_library(fabric(2.0), library(6), Pixels(), PLAN, runner=runner, exact=True).ranking
-    sketched = search_library(fabric(2.0), library(6), Pixels(), PLAN, runner=runner, exact=False).ranking
+    exact = search_library(fabric(2.0), library(6), pixels, PLAN, runner=runner, exact=True).ranking
+    sketched = search_library(fabric(2.0), library(6), pixels, PLAN, runner=runner, exact=False).ranking
     assert order(exact) == order(sketched)
     assert [r.distance for r in sketched] == pytest.approx([r.distance for r in exact], rel=0.06)
     assert [r.standard_error for r in sketched] == pytest.approx([r.standard_error for r in exact], rel=0.3)
 
 
-def test_a_second_query_simulates_nothing(make_render: MakeRender, tmp_path: Path) -> None:
+def test_a_second_query_simulates_nothing(
+    make_render: MakeRender, tmp_path: Path, pixels: SquaredEuclideanBackend
+) -> None:
     runner, done = FakeSimulations(make_render), []
     for _ in range(2):
         search_library(
             fabric(2.0),
             library(5),
-            Pixels(),
+            pixels,
             PLAN,
             runner=runner,
             descriptors=DescriptorStore(tmp_path),
@@ -121,12 +106,12 @@ def test_descriptors_survive_on_disk_and_damage_is_a_miss(tmp_path: Path) -> Non
     assert DescriptorStore().load("k") is None
 
 
-def test_index_equals_the_definition() -> None:
+def test_index_equals_the_definition(pixels: SquaredEuclideanBackend) -> None:
     rng = np.random.default_rng(1)
     descriptors = [
         FabricDescriptor({s: rng.normal(k, 1, (4, 64)).astype(np.float32) for s in Scene}, {}) for k in range(5)
     ]
-    index = FabricIndex(Sketched(Pixels(), 64), descriptors[1:])
+    index = FabricIndex(Sketched(pixels, 64), descriptors[1:])
     assert len(index) == 4
     found = index.query(descriptors[0])
     assert [r.place for r in found] == [0, 1, 2, 3]
@@ -143,10 +128,10 @@ def test_index_equals_the_definition() -> None:
         assert entry.standard_error == pytest.approx(np.hypot(*[e or 0.0 for _, e in pairs]) / 2, rel=1e-4)
 
 
-def test_uneven_descriptors_are_refused() -> None:
+def test_uneven_descriptors_are_refused(pixels: SquaredEuclideanBackend) -> None:
     one = FabricDescriptor({Scene.HANGING: np.zeros((2, 8), np.float32)}, {})
     other = FabricDescriptor({Scene.HANGING: np.zeros((3, 8), np.float32)}, {})
-    backend = Sketched(Pixels(), 8)
+    backend = Sketched(pixels, 8)
     with pytest.raises(InputError):
         FabricIndex(backend, [one, other])
     with pytest.raises(InputError):

@@ -1,0 +1,135 @@
+"use strict";
+
+// The participant's identifier stands in the address after "#": the address resumes the study.
+
+const byId = (id) => document.getElementById(id);
+const SECTIONS = ["welcome", "question", "thanks"];
+
+let participant = location.hash.slice(1);
+let total = 0;
+let position = null;
+let shownAt = 0;
+let busy = false;
+
+async function call(path, options) {
+  const answer = await fetch(path, options);
+  if (answer.status === 404) throw new Error("This address belongs to no participant of this study.");
+  if (!answer.ok) throw new Error(`The server answered ${answer.status}.`);
+  return answer.status === 204 ? null : answer.json();
+}
+
+function send(method, body) {
+  return { method, headers: { "Content-Type": "application/json" }, body: JSON.stringify(body) };
+}
+
+function show(section) {
+  for (const id of SECTIONS) byId(id).hidden = id !== section;
+}
+
+function trouble(error) {
+  const line = byId("trouble");
+  line.hidden = error === null;
+  line.textContent = error === null ? "" : `${error.message} Nothing you answered before is lost; try again.`;
+}
+
+// One thing at a time: a key held down or a double click must not answer the next question.
+async function alone(work) {
+  if (busy) return;
+  busy = true;
+  try {
+    trouble(null);
+    await work();
+  } catch (error) {
+    trouble(error);
+  } finally {
+    busy = false;
+  }
+}
+
+async function loadPictures(holder, paths, what) {
+  const images = paths.map((path, k) => {
+    const image = new Image();
+    image.src = path;
+    image.alt = `${what}, picture ${k + 1} of ${paths.length}`;
+    image.draggable = false;
+    return image;
+  });
+  await Promise.all(images.map((image) => image.decode()));
+  holder.replaceChildren(...images);
+}
+
+async function ask(next) {
+  const question = await call(`participants/${participant}/questions/${next}`);
+  await Promise.all([
+    loadPictures(byId("reference"), question.reference, "reference fabric"),
+    loadPictures(byId("left"), question.left, "left fabric"),
+    loadPictures(byId("right"), question.right, "right fabric"),
+  ]);
+  position = next;
+  for (const side of ["left", "right"]) byId(side).setAttribute("aria-pressed", String(question.chosen === side));
+  byId("back").disabled = position === 0;
+  byId("bar").max = total;
+  byId("bar").value = position;
+  byId("count").textContent = `${position + 1} of ${total}`;
+  show("question");
+  document.activeElement?.blur();
+  shownAt = performance.now();
+}
+
+async function goOn() {
+  const state = await call(`participants/${participant}`);
+  total = state.questions;
+  if (state.next === null) {
+    position = null;
+    show("thanks");
+  } else {
+    await ask(state.next);
+  }
+}
+
+async function choose(side) {
+  if (position === null || byId("question").hidden) return;
+  const milliseconds = Math.round(performance.now() - shownAt);
+  await call(`participants/${participant}/answers/${position}`, send("PUT", { chosen: side, milliseconds }));
+  await goOn();
+}
+
+async function back() {
+  if (position !== null && position > 0) await ask(position - 1);
+}
+
+async function begin() {
+  const started = await call("participants", send("POST", { experience: byId("experience").value }));
+  participant = started.participant;
+  history.replaceState(null, "", `#${participant}`);
+  await goOn();
+}
+
+async function open() {
+  const study = await call("study");
+  document.title = study.name;
+  byId("study-name").textContent = study.name;
+  byId("question-count").textContent = study.questions;
+  if (participant) await goOn();
+  else show("welcome");
+}
+
+byId("begin").addEventListener("submit", (event) => {
+  event.preventDefault();
+  alone(begin);
+});
+for (const side of ["left", "right"]) byId(side).addEventListener("click", () => alone(() => choose(side)));
+byId("back").addEventListener("click", () => alone(back));
+byId("review").addEventListener("click", () => alone(() => ask(total - 1)));
+document.addEventListener("keydown", (event) => {
+  if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || byId("question").hidden) return;
+  const work = { ArrowLeft: () => choose("left"), ArrowRight: () => choose("right"), Backspace: back }[event.key];
+  if (work === undefined) return;
+  event.preventDefault();
+  alone(work);
+});
+window.addEventListener("hashchange", () => {
+  participant = location.hash.slice(1);
+  alone(open);
+});
+alone(open);

@@ -1,0 +1,128 @@
+"""The web page of a human study: one question at a time, every answer in the database at once.
+
+Participants are known by an unguessable identifier in the page's address, which is also how they resume. Handlers are
+plain functions: FastAPI runs them in its bounded pool of threads; the database takes threads, and nothing here
+simulates or computes.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from fastapi import Depends, FastAPI, Request, Response
+from fastapi.responses import FileResponse, JSONResponse
+from fastapi.staticfiles import StaticFiles
+from pydantic import BaseModel, ConfigDict, Field
+
+from services.db.studies import StudyParticipant
+from services.web.study_store import StudyStore
+from simcore.errors import InputError
+
+STATIC = Path(__file__).with_name("static")
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; img-src 'self'; frame-ancestors 'none'; form-action 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+
+
+class NewParticipant(BaseModel):
+    """What a participant says before starting."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    experience: Literal["", "none", "some", "professional"] = ""
+
+
+class NewAnswer(BaseModel):
+    """One choice."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    chosen: Literal["left", "right"]
+    milliseconds: int = Field(default=0, ge=0, le=86_400_000)
+
+
+class NotFoundError(Exception):
+    """No such participant or picture."""
+
+
+def create_study_app(store: StudyStore) -> FastAPI:
+    """The application of one study.
+
+    Args:
+        store: the study.
+    """
+    app = FastAPI(title=f"Study: {store.study.name}", docs_url=None, redoc_url=None, openapi_url=None)
+
+    def find(participant_id: str) -> StudyParticipant:
+        participant = store.participant(participant_id)
+        if participant is None:
+            raise NotFoundError
+        return participant
+
+    Participant = Annotated[StudyParticipant, Depends(find)]
+
+    @app.get("/")
+    def page() -> Response:
+        return FileResponse(STATIC / "study.html", headers=_HEADERS)
+
+    @app.get("/study")
+    def study() -> dict[str, Any]:
+        return {"name": store.study.name, "questions": store.study.triplets, "fabrics": len(store.fabrics)}
+
+    @app.post("/participants", status_code=201)
+    def begin(body: NewParticipant) -> dict[str, Any]:
+        participant = store.add_participant(experience=body.experience)
+        return {"participant": participant.id, "questions": len(participant.questions)}
+
+    @app.get("/participants/{participant_id}")
+    def progress(participant: Participant) -> dict[str, Any]:
+        answered = store.chosen(participant)
+        total = len(participant.questions)
+        return {
+            "questions": total,
+            "answered": len(answered),
+            "next": next((k for k in range(total) if k not in answered), None),
+        }
+
+    @app.get("/participants/{participant_id}/questions/{position}")
+    def question(participant: Participant, position: int) -> dict[str, Any]:
+        if not 0 <= position < len(participant.questions):
+            raise NotFoundError
+        reference, left, right, *repeats = participant.questions[position]
+        chosen = store.chosen(participant).get(position)
+        shown = zip(("reference", "left", "right"), (reference, left, right), repeats, strict=True)
+        return {
+            "position": position,
+            "chosen": None if chosen is None else "left" if chosen == left else "right",
+            **{side: [f"pictures/{p}" for p in store.pictures(place, repeat)] for side, place, repeat in shown},
+        }
+
+    @app.put("/participants/{participant_id}/answers/{position}", status_code=204)
+    def answer(participant: Participant, position: int, body: NewAnswer) -> Response:
+        if not 0 <= position < len(participant.questions):
+            raise NotFoundError
+        _, left, right, *_ = participant.questions[position]
+        store.answer(participant, position, left if body.chosen == "left" else right, body.milliseconds)
+        return Response(status_code=204)
+
+    @app.get("/pictures/{picture_id}")
+    def picture(picture_id: str) -> Response:
+        found = store.picture(picture_id)
+        if found is None:
+            raise NotFoundError
+        media_type, content = found
+        return Response(content, media_type=media_type, headers={**_HEADERS, "Cache-Control": "private, max-age=86400"})
+
+    @app.exception_handler(NotFoundError)
+    def not_found(_request: Request, _error: Exception) -> Response:
+        return JSONResponse({"code": "not_found", "title": "there is no such thing in this study"}, 404)
+
+    @app.exception_handler(InputError)
+    def bad_input(_request: Request, error: Exception) -> Response:
+        return JSONResponse({"code": getattr(error, "code", "bad_input"), "title": str(error)}, 422)
+
+    app.mount("/static", StaticFiles(directory=STATIC), name="static")
+    return app

@@ -1,0 +1,85 @@
+"""Pictures for a human study: renders of simulated fabrics, or photographs that the user supplies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from io import BytesIO
+from pathlib import Path
+
+from metric.library import LibraryFabric
+from metric.render_cache import RenderCache
+from metric.simulate import SimulationPlan, simulate_fabrics
+from services.web.study_create import PictureFile, StudyEntry
+from simcore.errors import InputError
+
+PHOTOGRAPH_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp"})
+LARGEST_SIDE = 1024
+_MOST_PIXELS = 100_000_000
+
+
+def entries_from_library(
+    library: Sequence[LibraryFabric],
+    plan: SimulationPlan,
+    *,
+    renders: RenderCache | None = None,
+    on_done: Callable[[], None] | None = None,
+) -> list[StudyEntry]:
+    """Each fabric with shaded renders of all its repeats, both scenes together.
+
+    Raises:
+        SimulationError: a simulation did not come to rest.
+    """
+    from PIL import Image
+
+    simulated = simulate_fabrics([f.parameters for f in library], plan, cache=renders, on_done=on_done)
+    entries = []
+    for fabric, found in zip(library, simulated, strict=True):
+        pictures = []
+        for scene, sets in found.scenes.items():
+            for repeat, render in enumerate(sets):
+                stream = BytesIO()
+                Image.fromarray(render.need_shaded()).save(stream, format="PNG", optimize=True)
+                pictures.append(PictureFile(repeat, scene.value, "image/png", stream.getvalue()))
+        entries.append(StudyEntry(fabric.id, fabric.parameters, tuple(pictures)))
+    return entries
+
+
+def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()) -> list[StudyEntry]:
+    """One fabric a subfolder, its photographs shown together; parameters where the library has a fabric of that name.
+
+    Photographs are turned upright, scaled down to 1024 pixels and stripped of all that a camera writes into them.
+
+    Raises:
+        InputError: no such folder, no subfolders, or a file that is no usable picture.
+    """
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder}: no such folder; give one with a subfolder of photographs for each fabric", code="file_missing"
+        )
+    known = {fabric.id: fabric.parameters for fabric in library}
+    entries = []
+    for inner in sorted(p for p in folder.iterdir() if p.is_dir()):
+        files = sorted(p for p in inner.iterdir() if p.suffix.lower() in PHOTOGRAPH_SUFFIXES)
+        pictures = tuple(PictureFile(0, path.stem[:80], "image/jpeg", _photograph(path)) for path in files)
+        entries.append(StudyEntry(inner.name, known.get(inner.name), pictures))
+    if not entries:
+        raise InputError(f"{folder} has no subfolders: put each fabric's photographs into one", code="study_empty")
+    return entries
+
+
+def _photograph(path: Path) -> bytes:
+    from PIL import Image, ImageOps, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as image:
+            if image.width * image.height > _MOST_PIXELS:
+                raise InputError(f"{path}: more than 100 megapixels; scale it down", code="photograph_too_large")
+            upright = ImageOps.exif_transpose(image).convert("RGB")
+    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError) as error:
+        raise InputError(f"{path}: not a usable picture ({error})", code="photograph_unreadable") from None
+    upright.thumbnail((LARGEST_SIDE, LARGEST_SIDE))
+    clean = Image.new("RGB", upright.size)
+    clean.paste(upright)
+    stream = BytesIO()
+    clean.save(stream, format="JPEG", quality=88)
+    return stream.getvalue()
