@@ -1,0 +1,58 @@
+"""The demonstration: a tiny one leaves everything its page shows; folders of others are left alone."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from services.cli import main
+from services.demo.plan import DemoPlan
+from services.demo.steps import MARKER, prepare_folder
+from simcore.errors import InputError
+
+TINY = DemoPlan(fine_m=0.05, coarse_m=0.05, materials=10, epochs=1, simulations=2)
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+@pytest.mark.timeout(600)
+def test_a_tiny_demonstration_leaves_what_its_page_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("services.demo.plan.DemoPlan", lambda seed: TINY)
+    monkeypatch.setenv("DRAPEMETER_WEIGHTS", str(tmp_path / "nowhere"))
+    out = tmp_path / "demo-out"
+    assert main.run(["demo", "--out", str(out), "--json"]) == 0
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    assert len(document["estimates"]) == 4 * 6
+    assert document["distances"]["backend"] == "depth"
+    assert "DRAPEMETER_WEIGHTS" in document["distances"]["notice"]
+    page = (out / "index.html").read_text(encoding="utf-8")
+    assert "stands in" in page
+    shown = re.findall(r'(?:src|href)="([^"]+)"', page)
+    assert {"sweep.png", "distances.png", "hanging-depth.png", "stretch-shaded.png"} <= set(shown)
+    for name in shown:
+        assert (out / name).stat().st_size > 0, name
+    assert json.loads((out / MARKER).read_text(encoding="utf-8"))["samples"] == document["samples"]
+    assert not [line for line in captured.err.splitlines() if line.startswith("error")]
+
+
+def test_an_earlier_demonstration_is_replaced_and_other_folders_are_not(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    prepare_folder(out)
+    (out / "old.png").write_bytes(b"x")
+    prepare_folder(out)
+    assert [path.name for path in out.iterdir()] == [MARKER]
+
+    other = tmp_path / "thesis"
+    other.mkdir()
+    (other / "chapter.tex").write_text("mine")
+    with pytest.raises(InputError, match="not empty"):
+        prepare_folder(other)
+    assert (other / "chapter.tex").exists()
+    with pytest.raises(InputError, match="cannot make"):
+        prepare_folder(other / "chapter.tex" / "out")
