@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from capture.picture import Depth, pixel_footprint_m
 from renderer.camera import Camera
+
+T = TypeVar("T", bound=np.generic)
 
 STEP_FOOTPRINTS = 6.0
 """Neighbouring pixels whose depths differ by more than this many pixel footprints (a slope of 80 degrees) belong to
@@ -17,6 +21,32 @@ different surfaces."""
 def step_threshold_m(depth: Depth, camera: Camera) -> float:
     """Depth difference of neighbouring pixels [m] from which on they are taken for different surfaces."""
     return STEP_FOOTPRINTS * pixel_footprint_m(depth, camera)
+
+
+def drop_flying_pixels(depth: Depth, camera: Camera) -> Depth:
+    """Take out pixels that hang between two surfaces: a step to the front on one side and to the back on the other.
+
+    Args:
+        depth: z-depth [m], float32 [H, W], 0 = no data.
+        camera: its camera.
+
+    Returns:
+        float32 [H, W], 0 where a pixel was taken out.
+    """
+    step = step_threshold_m(depth, camera)
+    flying = np.zeros(depth.shape, dtype=np.bool_)
+    for axis in (0, 1):
+        before, here, after = (_along(depth, axis, k) for k in range(3))
+        down, up = here - before, after - here
+        between = (down * up > 0.0) & (np.minimum(np.abs(down), np.abs(up)) > step) & (before > 0.0) & (after > 0.0)
+        _along(flying, axis, 1)[...] |= between & (here > 0.0)
+    return np.where(flying, np.float32(0.0), depth)
+
+
+def _along(grid: NDArray[T], axis: int, k: int) -> NDArray[T]:
+    """Every pixel but the outermost (k = 1), the one before it (0) or after it (2) along an axis."""
+    window = slice(k, grid.shape[axis] - 2 + k)
+    return grid[window] if axis == 0 else grid[:, window]
 
 
 def fill_small_holes(depth: Depth, camera: Camera, *, reach_px: int = 2) -> Depth:

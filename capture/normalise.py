@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from capture.holes import fill_small_holes, step_threshold_m
-from capture.resample import resample
-from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose
+from capture.holes import drop_flying_pixels, fill_small_holes, step_threshold_m
+from capture.resample import View, resample
+from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose, ray_directions
 from renderer.pose import check_pose
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
@@ -118,12 +118,15 @@ def _canonical_depth(
     depth: NDArray[np.float32], camera: Camera, pose: NDArray[np.float64], scale: float
 ) -> NDArray[np.float32]:
     """The picture seen by the canonical camera, all lengths divided by ``scale``; float32 [256, 256], 0 = nothing."""
-    filled = fill_small_holes(depth, camera)
-    points = camera.back_project(filled)
+    filled = fill_small_holes(drop_flying_pixels(depth, camera), camera)
     to_canonical = frontal_pose()
-    rotation = to_canonical[:3, :3] @ pose[:3, :3].T
-    moved = (points - pose[:3, 3]) @ rotation.T / scale + to_canonical[:3, 3]
-    return resample(moved, filled > 0.0, step_threshold_m(filled, camera), filled, CANONICAL_CAMERA)
+    rotation = to_canonical[:3, :3] @ pose[:3, :3].T / scale
+    view = View(
+        directions=ray_directions(camera) @ rotation.T,
+        origin=to_canonical[:3, 3] - rotation @ pose[:3, 3],
+        target=CANONICAL_CAMERA,
+    )
+    return resample(filled, view, step_threshold_m(filled, camera))
 
 
 def _fill(height: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from capture.edges import align_edges
 from capture.holes import fill_small_holes, step_threshold_m
@@ -70,7 +71,9 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
     Raises:
         InputError: ``pins_not_found``: the corners seen do not fit the set-up.
     """
-    points = camera.back_project(depth)[region.standing]
+    filled = fill_small_holes(depth, camera)
+    whole = ndimage.binary_closing(np.pad(region.standing, 4), iterations=3)[4:-4, 4:-4] & (filled > 0.0)
+    points = camera.back_project(filled)[whole | region.standing]
     frame = _first_frame(points, region.plane)
     corners = _corners(points, frame, setup.scene)
     expected = {name: np.asarray(setup.pins_m[name], dtype=np.float64) for name in PIN_NAMES[setup.scene]}

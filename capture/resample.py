@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
@@ -16,45 +17,94 @@ _MAX_SPAN_PX = 16
 """Triangles larger than this in the target picture are not drawn: too little is known between their corners."""
 
 
-def resample(
-    points: NDArray[np.floating], usable: NDArray[np.bool_], step_m: float, depth: NDArray[np.floating], target: Camera
-) -> NDArray[np.float32]:
-    """Depth picture of a meshed grid of points.
+@dataclass(frozen=True)
+class View:
+    """How the source's pixels are seen from the target camera.
+
+    Attributes:
+        directions: of the source pixels' rays, times the rotation into the target's frame and a scale, [H, W, 3].
+        origin: the source camera in the target's frame [m], [3].
+        target: an undistorted camera.
+    """
+
+    directions: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    target: Camera
+
+    def see(
+        self, directions: NDArray[np.float64], depth: NDArray[np.floating]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Column, row [pixel] and inverse depth [1/m] in the target of points on rays; NaN behind the target camera."""
+        points = directions * depth[..., None] + self.origin
+        with np.errstate(invalid="ignore", divide="ignore"):
+            inverse = 1.0 / np.where(points[..., 2] > 1e-3, points[..., 2], np.nan)
+        x = points[..., 0] * inverse * self.target.fx + self.target.cx
+        y = points[..., 1] * inverse * self.target.fy + self.target.cy
+        return x, y, inverse
+
+
+def resample(depth: NDArray[np.floating], view: View, step_m: float) -> NDArray[np.float32]:
+    """Depth picture seen by the target camera.
+
+    Neighbouring pixels are joined by triangles; where they are not (a step, or no data on one side), each surface is
+    carried on for half a pixel, as far as its last pixel saw.
 
     Args:
-        points: of each source pixel [m], target camera's frame, shape [H, W, 3].
-        usable: source pixels to draw, bool [H, W].
-        step_m: source pixels whose source depths differ by more are not joined.
-        depth: source z-depth [m], shape [H, W].
-        target: an undistorted camera.
+        depth: source z-depth [m], shape [H, W], 0 = no data.
+        view: from source to target.
+        step_m: neighbours whose source depths differ by more are not joined.
 
     Returns:
         z-depth in the target camera, float32 [target.height, target.width], 0 = nothing drawn. Exact on flat parts:
         inverse depth is interpolated.
     """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        inverse = 1.0 / np.where(points[..., 2] > 1e-3, points[..., 2], np.nan)
-        x = points[..., 0] * inverse * target.fx + target.cx
-        y = points[..., 1] * inverse * target.fy + target.cy
+    target = view.target
+    x, y, inverse = view.see(view.directions, depth)
+    with np.errstate(invalid="ignore"):
         near = (np.abs(x - target.cx) < target.cx + _MAX_SPAN_PX) & (np.abs(y - target.cy) < target.cy + _MAX_SPAN_PX)
-    corners = _triangles(usable & near, depth, step_m)
+    usable = near & (depth > 0.0)
+    corners, open_cells = _triangles(usable, depth, step_m)
     nearest = np.zeros(target.height * target.width)
-    _draw(
-        [x.ravel()[k] for k in corners],
-        [y.ravel()[k] for k in corners],
-        [inverse.ravel()[k] for k in corners],
-        target,
-        nearest,
-    )
+    triangle = tuple([grid.ravel()[k] for k in corners] for grid in (x, y, inverse))
+    _draw(triangle[0], triangle[1], triangle[2], target, nearest)
+    _draw_borders(depth, usable, open_cells, view, nearest)
     with np.errstate(divide="ignore"):
         seen = np.where(nearest > 0.0, 1.0 / nearest, 0.0)
     return seen.reshape(target.height, target.width).astype(np.float32)
 
 
+def _draw_borders(
+    depth: NDArray[np.floating],
+    usable: NDArray[np.bool_],
+    open_cells: NDArray[np.bool_],
+    view: View,
+    nearest: NDArray[np.float64],
+) -> None:
+    """In cells without triangles, bool [H - 1, W - 1], draw the quarter next to each pixel at that pixel's depth."""
+    height, width = open_cells.shape
+    directions = view.directions
+    for down in (0, 1):
+        for right in (0, 1):
+            row, column = np.nonzero(open_cells & usable[down : down + height, right : right + width])
+            own = directions[row + down, column + right]
+            across = 0.5 * (own + directions[row + down, column + 1 - right])
+            below = 0.5 * (own + directions[row + 1 - down, column + right])
+            other = directions[row + 1 - down, column] + directions[row + 1 - down, column + 1]
+            middle = 0.5 * across + 0.25 * other
+            z = depth[row + down, column + right]
+            a, b, c, d = (view.see(ray, z) for ray in (own, across, below, middle))
+            for corners in ((a, b, d), (a, d, c)):
+                x, y, inverse = ([corner[k] for corner in corners] for k in range(3))
+                _draw(x, y, inverse, view.target, nearest)
+
+
 def _triangles(
     valid: NDArray[np.bool_], depth: NDArray[np.floating], step_m: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Three corner indices, each int64 [T]: two triangles where all pixels of a cell are valid, one where three are."""
+) -> tuple[tuple[NDArray[np.int64], ...], NDArray[np.bool_]]:
+    """Three corner indices, each int64 [T], and the cells without any triangle, bool [H - 1, W - 1].
+
+    Two triangles where all pixels of a cell are valid and joined, one where three are.
+    """
     a = np.arange(depth.size).reshape(depth.shape)[:-1, :-1]
     va, vb, vc, vd = (_corner(valid, k) for k in range(4))
     za, zb, zc, zd = (_corner(depth, k) for k in range(4))
@@ -63,6 +113,7 @@ def _triangles(
     rising = ~falling & vb & vc
     right, below = 1, depth.shape[1]
     parts: list[tuple[NDArray[np.int64], ...]] = []
+    empty = np.ones(a.shape, dtype=np.bool_)
     for mask, depths, steps in (
         (falling & vc, (za, zc, zd), (0, below, below + right)),
         (falling & vb, (za, zd, zb), (0, below + right, right)),
@@ -71,10 +122,11 @@ def _triangles(
     ):
         farthest = np.maximum(np.maximum(depths[0], depths[1]), depths[2])
         closest = np.minimum(np.minimum(depths[0], depths[1]), depths[2])
-        first = a[mask & (farthest - closest <= step_m)]
+        drawn = mask & (farthest - closest <= step_m)
+        empty &= ~drawn
+        first = a[drawn]
         parts.append(tuple(first + step for step in steps))
-    p, q, r = (np.concatenate([part[k] for part in parts]) for k in range(3))
-    return p, q, r
+    return tuple(np.concatenate([part[k] for part in parts]) for k in range(3)), empty
 
 
 def _corner(grid: NDArray[T], k: int) -> NDArray[T]:

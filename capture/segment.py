@@ -140,7 +140,8 @@ def _in_front(
         panel = (points - pose[:3, 3]) @ pose[:3, :3]
         with np.errstate(invalid="ignore"):
             possible &= np.all(np.abs(panel[..., :2] - (0.0, -0.5 * size)) < 0.75 * size, axis=-1)
-    smooth = ndimage.gaussian_filter(np.where(possible, height, 0.0), _SMOOTH_PX)
+    weight = ndimage.gaussian_filter(possible.astype(np.float64), _SMOOTH_PX)
+    smooth = ndimage.gaussian_filter(np.where(possible, height, 0.0), _SMOOTH_PX) / np.maximum(weight, 1e-3)
     on_panel = smooth[seen & (np.abs(height) < 3.0 * max(plane.rms_m, 1e-4))]
     spread = 1.4826 * float(np.median(np.abs(on_panel - np.median(on_panel)))) if on_panel.size > 100 else 0.0
     low, high = max(LEAST_HEIGHT_M, 4.0 * spread), max(2.0 * LEAST_HEIGHT_M, 8.0 * spread)
