@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from fastapi import APIRouter, FastAPI
+from starlette.routing import Route
 
 from services.api.inference import Inference
 from services.api.metrics import Metrics
@@ -30,8 +31,8 @@ from services.version import software_version
 ROUTERS: tuple[APIRouter, ...] = (
     estimates.router,
     drape_distances.router,
-    fabrics.router,
     fabric_search.router,
+    fabrics.router,
     diagnoses.router,
     datasets.router,
     jobs.router,
@@ -62,6 +63,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.service = ServiceState(settings, database, inference, metrics)
     for router in ROUTERS:
         app.include_router(router)
+    app.state.api_routes = [route for router in ROUTERS for route in router.routes if isinstance(route, Route)]
     install_problem_handlers(app)
     install_openapi(app)
     app.add_middleware(BodyLimit, limit=settings.max_request_bytes)

@@ -13,6 +13,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
+from starlette.routing import Match, Route
 
 from services.api.context import request_id
 from simcore.errors import DrapemeterError, InputError, MissingResourceError
@@ -47,7 +48,7 @@ class Problem(BaseModel):
     """An RFC 9457 problem; programs look at ``code``."""
 
     type: str = Field(examples=["urn:drapemeter:problem:validation_failed"])
-    title: str = Field(examples=["Unprocessable Content"])
+    title: str = Field(examples=["Unprocessable Entity"])
     status: int = Field(examples=[422])
     code: str = Field(examples=["validation_failed"])
     detail: str = Field(examples=["body/density: Input should be greater than or equal to 0.005"])
@@ -114,7 +115,17 @@ def install_problem_handlers(app: FastAPI) -> None:
 async def _on_http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     code = error.code if isinstance(error, ProblemError) else CODES.get(error.status_code, "http_error")
-    return problem_response(error.status_code, code, error.detail, request.url.path, headers=error.headers)
+    headers = dict(error.headers or {})
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        headers["Allow"] = ", ".join(_allowed(request))
+    return problem_response(error.status_code, code, error.detail, request.url.path, headers=headers)
+
+
+def _allowed(request: Request) -> list[str]:
+    """All methods of a path; the framework knows those of the first route only."""
+    routes: Sequence[Route] = request.app.state.api_routes
+    path = next((route.path for route in routes if route.matches(request.scope)[0] is not Match.NONE), None)
+    return sorted({method for route in routes if route.path == path for method in route.methods or ()})
 
 
 async def _on_validation_error(request: Request, error: Exception) -> JSONResponse:

@@ -45,13 +45,13 @@ def check_png(content: bytes, name: str, most_pixels: int) -> PictureSize:
     return PictureSize(width, height)
 
 
-def parse_json_field(text: str | None, name: str, model: type[Model]) -> Model | None:
-    """A form field that holds JSON.
+def parse_json_field(text: str, name: str, model: type[Model]) -> Model | None:
+    """A form field that holds JSON, or nothing.
 
     Raises:
         InputError: no valid JSON, or not of the model's form.
     """
-    if text is None or not text.strip():
+    if not text.strip():
         return None
     try:
         return model.model_validate_json(text)

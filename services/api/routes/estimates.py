@@ -44,7 +44,8 @@ class EstimateView(BaseModel):
     model_version: str
 
 
-Pictures = list[UploadFile] | None
+Pictures = list[UploadFile]
+NO_PICTURES: list[UploadFile] = []
 
 
 @router.post("", response_model=EstimateView, responses=problems(413, 503), summary="Estimate a fabric's mechanics")
@@ -54,24 +55,26 @@ async def create_estimate(
     density: Annotated[
         float, Form(ge=LOW_DENSITY, le=HIGH_DENSITY, allow_inf_nan=False, description="[kg/m²]", examples=[0.2])
     ],
-    hanging: Annotated[Pictures, File(description="16-bit depth PNG of scene `hanging`; several are repeats.")] = None,
-    stretch: Annotated[Pictures, File(description="The same of scene `stretch`.")] = None,
+    hanging: Annotated[
+        Pictures, File(description="16-bit depth PNG of scene `hanging`; several are repeats.")
+    ] = NO_PICTURES,
+    stretch: Annotated[Pictures, File(description="The same of scene `stretch`.")] = NO_PICTURES,
     camera: Annotated[
-        str | None,
+        str,
         Form(
             max_length=4000,
             description="JSON with `width`, `height`, `fx`, `fy`, `cx`, `cy`, `depth_unit_m` and optionally "
             "`distortion`, as in a capture set. May be left out only for 256 x 256 pictures of the canonical camera.",
         ),
-    ] = None,
+    ] = "",
     setup: Annotated[
-        str | None,
+        str,
         Form(
             max_length=8000,
             description="JSON with `sample_size_m`, `camera_from_panel`, `panel`, `pins_m`, `pin_radius_m`, each "
             "optional, as in a capture set.",
         ),
-    ] = None,
+    ] = "",
     idempotency_key: IdempotencyKey = None,
 ) -> JSONResponse:
     """From one or both scenes, as a form with files. Scope `estimates:write`."""
@@ -79,7 +82,7 @@ async def create_estimate(
     pictures: dict[str, bytes] = {}
     sizes: set[PictureSize] = set()
     for scene, uploads in (("hanging", hanging), ("stretch", stretch)):
-        for repeat, upload in enumerate(uploads or []):
+        for repeat, upload in enumerate(uploads):
             name = f"{scene}-{repeat}.png"
             pictures[name] = await upload.read()
             sizes.add(check_png(pictures[name], name, most))
@@ -109,7 +112,7 @@ async def _compute(state: ServiceState, document: str, pictures: dict[str, bytes
 
 
 def _document(
-    pictures: dict[str, bytes], sizes: set[PictureSize], density: float, camera: str | None, setup: str | None
+    pictures: dict[str, bytes], sizes: set[PictureSize], density: float, camera: str, setup: str
 ) -> dict[str, Any]:
     """The upload as a capture set."""
     if not pictures:

@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
+from metric.backends import BACKEND_NAMES
 from services.jobs.task import Report, Resources
 from services.schemas import Strict
+from simcore.errors import InputError
+from simcore.mesh import GridMesh
 
 if TYPE_CHECKING:
     from metric.simulate import Runner, SimulationPlan
@@ -38,10 +41,6 @@ class SimulationInputs(Strict):
         Raises:
             InputError: an unknown back end, or a resolution that does not cut the sample into whole cells.
         """
-        from metric.backends import BACKEND_NAMES
-        from simcore.errors import InputError
-        from simcore.mesh import GridMesh
-
         GridMesh(self.resolution_m)
         if self.backend not in BACKEND_NAMES:
             raise InputError(
