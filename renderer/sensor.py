@@ -141,8 +141,8 @@ SR300_LIKE = SensorModel(
     dropout_patch_px=1.0,
     quantisation_m=0.000125,
 )
-"""A coded-light camera of the SR300's kind: 0.125 mm counts (Zabatani et al., PAMI 2020), 1 mm of noise at 0.9 m and 15 % of
-the pixels at edges lost as in the capture sets at hand; the rest are round numbers of the right size, no calibration."""
+"""A coded-light camera of the SR300's kind: 0.125 mm counts (Zabatani et al., PAMI 2020), 1 mm of noise at 0.9 m and
+15 % of the pixels at edges lost as in the capture sets at hand; the rest are round numbers of the right size."""
 
 SENSORS: dict[str, SensorModel] = {"ideal": IDEAL_SENSOR, "sr300": SR300_LIKE}
 
