@@ -11,6 +11,8 @@ from simcore.errors import InputError
 
 _SPLIT_STREAM = 1
 LEAST_MATERIALS = 5
+CALIBRATION_MATERIALS = 9
+"""Fewer cannot promise a 90 % interval (see ``trainer.intervals``)."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ def split_materials(
         )
     generator = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_SPLIT_STREAM,)))
     shuffled = generator.permutation(unique)
-    calibration = max(1, round(calibration_share * len(unique)))
+    # A small store gives a fifth of its materials rather than intervals that promise nothing.
+    calibration = max(1, round(calibration_share * len(unique)), min(CALIBRATION_MATERIALS, len(unique) // 5))
     test = max(1, len(unique) - calibration - round(train_share * len(unique)))
     held_out = calibration + test
     return MaterialSplit(
