@@ -9,6 +9,7 @@ from fastapi import APIRouter, Depends, Header, Path, Query, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy import select
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from services.api.auth import Caller, require
@@ -95,11 +96,11 @@ def create_fabric(
     """Scope `fabrics:write`. A `plm_ref` that is there already gives 409 `plm_ref_taken`."""
     content = fabric.model_dump(mode="json")
     once = Once(state.database, caller, idempotency_key, fingerprint("fabrics", content))
+    ref = fabric.plm_ref
 
     def make(session: Session) -> Answer:
-        ref = fabric.plm_ref
         if ref is not None and session.scalar(select(Fabric.id).where(*_same(ref))) is not None:
-            raise ProblemError(409, "plm_ref_taken", f"{ref.system} {ref.id} revision {ref.revision} is there already")
+            raise _taken(ref)
         row = Fabric(
             name=fabric.name,
             parameters=content["parameters"],
@@ -113,7 +114,12 @@ def create_fabric(
         session.flush()
         return Answer(201, _view(row).model_dump(mode="json"), {"Location": f"/v1/fabrics/{row.id}", "ETag": _tag(row)})
 
-    return once.answer(make)
+    try:
+        return once.answer(make)
+    except IntegrityError:
+        if ref is None:
+            raise
+        raise _taken(ref) from None  # somebody added the same at the same moment
 
 
 @router.get("", responses=problems(), summary="List fabrics")
@@ -160,6 +166,10 @@ def get_fabric(
     if "*" in known or _tag(row) in known:
         return Response(status_code=304, headers=headers)
     return JSONResponse(_view(row).model_dump(mode="json"), headers=headers)
+
+
+def _taken(ref: PlmRef) -> ProblemError:
+    return ProblemError(409, "plm_ref_taken", f"{ref.system} {ref.id} revision {ref.revision} is there already")
 
 
 def _same(ref: PlmRef) -> tuple[Any, ...]:

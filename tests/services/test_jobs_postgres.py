@@ -1,0 +1,127 @@
+"""The same on a real PostgreSQL: migrations, the queue under contention, and the whole service."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import select, text
+
+from services.db.engine import Database
+from services.db.jobs import Job
+from services.db.migrate import is_current, upgrade
+from services.db.models import Base
+from services.jobs.queue import FileContent, JobQueue, enqueue, request_cancel
+from tests.services.postgres import postgres
+from tests.services.served import QUICK, STIFF, drapemeter, serving
+
+pytestmark = pytest.mark.postgres
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    with postgres() as url:
+        yield url
+
+
+@pytest.fixture
+def database(cluster: str) -> Iterator[Database]:
+    """Tables made anew for each test."""
+    opened = Database(cluster)
+    with opened.engine.begin() as connection:
+        connection.execute(text("DROP SCHEMA public CASCADE"))
+        connection.execute(text("CREATE SCHEMA public"))
+    yield opened
+    opened.close()
+
+
+def add(database: Database, count: int) -> set[str]:
+    with database.write() as session:
+        return {enqueue(session, "dataset", {}, files=[FileContent("a", "b/c", b"x")]).id for _ in range(count)}
+
+
+def test_migrations_make_the_tables_of_the_models_also_when_run_at_once(database: Database) -> None:
+    assert not is_current(database)
+    with ThreadPoolExecutor(3) as pool:
+        list(pool.map(lambda _: upgrade(database), range(3)))
+    assert is_current(database)
+    with database.engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+
+
+def test_no_job_goes_to_two_workers(database: Database) -> None:
+    upgrade(database)
+    ids = add(database, 60)
+    queue = JobQueue(database, lease_s=30, max_attempts=3)
+
+    def drain(worker: str) -> list[str]:
+        found = []
+        while (claim := queue.claim(worker)) is not None:
+            found.append(claim.id)
+        return found
+
+    with ThreadPoolExecutor(6) as pool:
+        taken = [job for jobs in pool.map(drain, "abcdef") for job in jobs]
+    assert len(taken) == 60
+    assert set(taken) == ids
+
+
+def test_a_row_held_by_another_is_skipped(database: Database) -> None:
+    upgrade(database)
+    add(database, 2)
+    queue = JobQueue(database, lease_s=30, max_attempts=3)
+    with database.write() as session:
+        held = session.scalars(select(Job).order_by(Job.number).limit(1).with_for_update()).one()
+        claim = queue.claim("w")  # does not wait for the lock
+        assert claim is not None
+        assert claim.id != held.id
+
+
+def test_leases_and_cancelling(database: Database) -> None:
+    upgrade(database)
+    add(database, 1)
+    queue = JobQueue(database, lease_s=0.3, max_attempts=3)
+    silent = queue.claim("silent")
+    assert silent is not None
+    time.sleep(0.4)
+    assert queue.reap() == 1
+    second = queue.claim("second")
+    assert second is not None
+    assert second.attempt == 2
+    assert not queue.succeed(silent, {})
+    with database.write() as session:
+        request_cancel(session, session.scalars(select(Job)).one())
+    assert queue.renew(second) is False
+    assert queue.cancel(second)
+
+
+def test_the_service_runs_on_postgresql(cluster: str, database: Database, tmp_path: Path) -> None:
+    settings = {"DRAPEMETER_DATABASE": cluster}
+    refused = drapemeter(tmp_path, "serve", "--port", "0", **settings)
+    assert refused.returncode == 1
+    assert "drapemeter serve --migrate" in refused.stderr
+    migrated = drapemeter(tmp_path, "serve", "--migrate", "--json", **settings)
+    assert migrated.returncode == 0, migrated.stderr
+    with serving(tmp_path, "--workers", "0", **settings) as running, running.client() as client:
+        assert client.get("/readyz").json()["database"] == "ok"
+        headers = {"Idempotency-Key": "at-once"}
+        body: dict[str, Any] = {"name": "x", "parameters": STIFF}
+        with ThreadPoolExecutor(8) as pool:
+            answers = list(pool.map(lambda _: client.post("/v1/fabrics", json=body, headers=headers), range(8)))
+        assert {a.status_code for a in answers} == {201}
+        assert len({a.json()["id"] for a in answers}) == 1
+        body["plm_ref"] = {"system": "windchill", "id": "1", "revision": "A"}
+        with ThreadPoolExecutor(8) as pool:
+            answers = list(pool.map(lambda _: client.post("/v1/fabrics", json=body), range(8)))
+        assert sorted(a.status_code for a in answers) == [201] + 7 * [409]
+        assert len(client.get("/v1/fabrics").json()["items"]) == 2
+        answer = client.post("/v1/drape-distances", json={"a": STIFF, "b": STIFF, **QUICK})
+        assert client.get(answer.headers["location"]).json()["status"] == "queued"
+        assert client.delete(answer.headers["location"]).json()["status"] == "cancelled"
+        assert 'drapemeter_jobs{kind="drape_distance",status="cancelled"} 1.0' in client.get("/metrics").text
