@@ -19,19 +19,19 @@ from simcore.errors import DrapemeterError, InputError
 
 # Name: one line for `drapemeter --help`. The module of that name in this package offers `register(app)`.
 COMMANDS: dict[str, str] = {
-    "simulate": "Bring one fabric to rest in one scene; write the drape and its depth picture.",
-    "dataset": "Sweep fabrics, scenes and repeats into a store of depth pictures, on Ray.",
+    "simulate": "Bring one fabric to rest; write the drape and its picture.",
+    "dataset": "Sweep fabrics, scenes and repeats into a store, on Ray.",
     "train": "Train the estimator on a store.",
     "estimate": "Estimate the mechanics of the fabrics in a capture set.",
     "distance": "Drape distance between two fabrics, as people see it.",
-    "rank": "Order a library of fabrics by drape distance from a reference.",
-    "diagnose": "Where simulation and captures part, which effect is missing, how far the gap shrinks.",
-    "blind": "Check the diagnosis on capture sets whose labels are sealed.",
+    "rank": "Order a library of fabrics by drape distance.",
+    "diagnose": "Where simulation and captures part, why, and how far.",
+    "blind": "Check the diagnosis on capture sets with sealed labels.",
     "capture": "Record, import and check capture sets.",
-    "study": "Prepare, run and analyse a human study of drape similarity.",
+    "study": "Prepare, run and analyse a human study.",
     "keys": "Create, list and revoke API keys of the service.",
     "serve": "Run the REST service.",
-    "demo": "The whole chain, small, on embedded defaults, into one folder.",
+    "demo": "The whole chain, small, into one folder.",
 }
 
 EXIT_FAILURE = 1
