@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-Pictures = Mapping[Scene, NDArray[np.uint8]]
+Picture = NDArray[np.uint8]
+Pictures = Mapping[Scene, Picture]
 """Small shaded pictures of one fabric by scene."""
 
 
@@ -45,7 +46,12 @@ def search_figure(
 
 
 def embedding_figure(
-    path: Path, points: NDArray[np.float64], labels: Sequence[str], pictures: Sequence[Pictures], *, title: str = ""
+    path: Path,
+    points: NDArray[np.float64],
+    labels: Sequence[str],
+    pictures: Sequence[Picture | None],
+    *,
+    title: str = "",
 ) -> None:
     """Fabrics in the plane, each as its drape and its name.
 
@@ -53,7 +59,7 @@ def embedding_figure(
         path: the picture to write.
         points: shape [n, 2].
         labels: n names.
-        pictures: n fabrics' pictures; empty ones are drawn as points.
+        pictures: a small picture of each, grey, uint8 [H, W]; None is drawn as a point.
         title: of the figure.
     """
     from matplotlib.offsetbox import AnnotationBbox, OffsetImage
@@ -62,11 +68,16 @@ def embedding_figure(
     axes = figure.subplots()
     axes.scatter(points[:, 0], points[:, 1], s=12, color="tab:blue")
     for point, label, shown in zip(points, labels, pictures, strict=True):
-        if shown:
-            image = OffsetImage(_side_by_side(shown), zoom=0.42, cmap="gray", norm=_grey_norm())
+        if shown is not None:
+            image = OffsetImage(shown, zoom=0.42, cmap="gray", norm=_grey_norm())
             axes.add_artist(AnnotationBbox(image, tuple(point), pad=0.1, bboxprops={"linewidth": 0.3}))
         axes.annotate(
-            label, tuple(point), (0, -36 if shown else -10), textcoords="offset points", ha="center", fontsize=7
+            label,
+            tuple(point),
+            (0, -10 if shown is None else -36),
+            textcoords="offset points",
+            ha="center",
+            fontsize=7,
         )
     axes.margins(0.18)
     axes.set_aspect("equal", adjustable="datalim")
@@ -112,14 +123,14 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def _show(axes: Axes, pictures: Pictures, title: str) -> None:
-    axes.imshow(_side_by_side(pictures), cmap="gray", vmin=0, vmax=255)
+    axes.imshow(side_by_side(pictures), cmap="gray", vmin=0, vmax=255)
     axes.set_title(title, fontsize=7)
     axes.set_xticks([])
     axes.set_yticks([])
 
 
-def _side_by_side(pictures: Pictures) -> NDArray[np.uint8]:
-    """Hanging above stretch, cropped to the cloth."""
+def side_by_side(pictures: Pictures) -> Picture:
+    """Hanging beside stretch, cropped to the cloth, uint8 [H, W]."""
     return np.concatenate([_crop(pictures[scene]) for scene in sorted(pictures)], axis=1)
 
 

@@ -66,15 +66,17 @@ class PairTables:
         """The same with some scenes only."""
         return PairTables({scene: self.tables[scene] for scene in scenes})
 
-    def distances(self, chosen: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Distances from some of the repeats.
+    def distances(self, chosen: NDArray[np.int64] | None = None) -> NDArray[np.float64]:
+        """Distances from all repeats or from some.
 
         Args:
-            chosen: repeats to use of each fabric, shape [n, M].
+            chosen: repeats to use of each fabric, shape [n, M]; all by default.
 
         Returns:
             float64, shape [n, n]; the diagonal is the mean over different repeats, NaN where M is 1.
         """
+        if chosen is None:
+            chosen = np.tile(np.arange(self.repeats), (self.fabrics, 1))
         count, used = chosen.shape
         flat = (np.arange(count)[:, None] * self.repeats + chosen).ravel()
         place = np.arange(count)
@@ -103,8 +105,7 @@ class PairTables:
             own = [self_mean_and_error(table[a, :, a, :])[1] for a in range(count)]
             errors[np.arange(count), np.arange(count)] = [np.nan if e is None else e for e in own]
             variance += errors**2
-        everything = np.tile(np.arange(self.repeats), (count, 1))
-        return DistanceMatrix(self.distances(everything), np.sqrt(variance) / len(self.tables))
+        return DistanceMatrix(self.distances(), np.sqrt(variance) / len(self.tables))
 
 
 def pair_tables(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from fastapi import Depends, FastAPI, Request, Response
+from fastapi import APIRouter, Depends, FastAPI, Request, Response
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
 from pydantic import BaseModel, ConfigDict, Field
@@ -21,10 +21,12 @@ from simcore.errors import InputError
 
 STATIC = Path(__file__).with_name("static")
 _HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self'; frame-ancestors 'none'; form-action 'self'",
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; form-action 'self'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
 }
+
+router = APIRouter()
 
 
 class NewParticipant(BaseModel):
@@ -45,7 +47,7 @@ class NewAnswer(BaseModel):
 
 
 class NotFoundError(Exception):
-    """No such participant or picture."""
+    """No such participant, question or picture."""
 
 
 def create_study_app(store: StudyStore) -> FastAPI:
@@ -55,74 +57,110 @@ def create_study_app(store: StudyStore) -> FastAPI:
         store: the study.
     """
     app = FastAPI(title=f"Study: {store.study.name}", docs_url=None, redoc_url=None, openapi_url=None)
-
-    def find(participant_id: str) -> StudyParticipant:
-        participant = store.participant(participant_id)
-        if participant is None:
-            raise NotFoundError
-        return participant
-
-    Participant = Annotated[StudyParticipant, Depends(find)]
-
-    @app.get("/")
-    def page() -> Response:
-        return FileResponse(STATIC / "study.html", headers=_HEADERS)
-
-    @app.get("/study")
-    def study() -> dict[str, Any]:
-        return {"name": store.study.name, "questions": store.study.triplets, "fabrics": len(store.fabrics)}
-
-    @app.post("/participants", status_code=201)
-    def begin(body: NewParticipant) -> dict[str, Any]:
-        participant = store.add_participant(experience=body.experience)
-        return {"participant": participant.id, "questions": len(participant.questions)}
-
-    @app.get("/participants/{participant_id}")
-    def progress(participant: Participant) -> dict[str, Any]:
-        answered = store.chosen(participant)
-        total = len(participant.questions)
-        return {
-            "questions": total,
-            "answered": len(answered),
-            "next": next((k for k in range(total) if k not in answered), None),
-        }
-
-    @app.get("/participants/{participant_id}/questions/{position}")
-    def question(participant: Participant, position: int) -> dict[str, Any]:
-        if not 0 <= position < len(participant.questions):
-            raise NotFoundError
-        reference, left, right, *repeats = participant.questions[position]
-        chosen = store.chosen(participant).get(position)
-        shown = zip(("reference", "left", "right"), (reference, left, right), repeats, strict=True)
-        return {
-            "position": position,
-            "chosen": None if chosen is None else "left" if chosen == left else "right",
-            **{side: [f"pictures/{p}" for p in store.pictures(place, repeat)] for side, place, repeat in shown},
-        }
-
-    @app.put("/participants/{participant_id}/answers/{position}", status_code=204)
-    def answer(participant: Participant, position: int, body: NewAnswer) -> Response:
-        if not 0 <= position < len(participant.questions):
-            raise NotFoundError
-        _, left, right, *_ = participant.questions[position]
-        store.answer(participant, position, left if body.chosen == "left" else right, body.milliseconds)
-        return Response(status_code=204)
-
-    @app.get("/pictures/{picture_id}")
-    def picture(picture_id: str) -> Response:
-        found = store.picture(picture_id)
-        if found is None:
-            raise NotFoundError
-        media_type, content = found
-        return Response(content, media_type=media_type, headers={**_HEADERS, "Cache-Control": "private, max-age=86400"})
-
-    @app.exception_handler(NotFoundError)
-    def not_found(_request: Request, _error: Exception) -> Response:
-        return JSONResponse({"code": "not_found", "title": "there is no such thing in this study"}, 404)
-
-    @app.exception_handler(InputError)
-    def bad_input(_request: Request, error: Exception) -> Response:
-        return JSONResponse({"code": getattr(error, "code", "bad_input"), "title": str(error)}, 422)
-
+    app.state.store = store
+    app.include_router(router)
+    app.add_exception_handler(NotFoundError, _not_found)
+    app.add_exception_handler(InputError, _bad_input)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     return app
+
+
+def get_store(request: Request) -> StudyStore:
+    """The study that is served."""
+    store: StudyStore = request.app.state.store
+    return store
+
+
+Served = Annotated[StudyStore, Depends(get_store)]
+
+
+def get_participant(participant_id: str, store: Served) -> StudyParticipant:
+    """The participant of the path.
+
+    Raises:
+        NotFoundError: nobody in this study.
+    """
+    participant = store.participant(participant_id)
+    if participant is None:
+        raise NotFoundError
+    return participant
+
+
+Asked = Annotated[StudyParticipant, Depends(get_participant)]
+
+
+@router.get("/")
+def page() -> FileResponse:
+    """The one page."""
+    return FileResponse(STATIC / "study.html", headers=_HEADERS)
+
+
+@router.get("/study")
+def study(store: Served) -> dict[str, Any]:
+    """What participants see of the study before they begin."""
+    return {"name": store.study.name, "questions": store.study.triplets, "fabrics": len(store.fabrics)}
+
+
+@router.post("/participants", status_code=201)
+def begin(body: NewParticipant, store: Served) -> dict[str, Any]:
+    """A new participant."""
+    participant = store.add_participant(experience=body.experience)
+    return {"participant": participant.id, "questions": len(participant.questions)}
+
+
+@router.get("/participants/{participant_id}")
+def progress(participant: Asked, store: Served) -> dict[str, Any]:
+    """How far a participant is."""
+    answered = store.chosen(participant)
+    total = len(participant.questions)
+    return {
+        "questions": total,
+        "answered": len(answered),
+        "next": next((k for k in range(total) if k not in answered), None),
+    }
+
+
+@router.get("/participants/{participant_id}/questions/{position}")
+def question(participant: Asked, position: int, store: Served) -> dict[str, Any]:
+    """What to show for one question, and what was chosen before."""
+    reference, left, right, *repeats = _question(participant, position)
+    chosen = store.chosen(participant).get(position)
+    shown = zip(("reference", "left", "right"), (reference, left, right), repeats, strict=True)
+    return {
+        "position": position,
+        "chosen": None if chosen is None else "left" if chosen == left else "right",
+        **{side: [f"pictures/{p}" for p in store.pictures(place, repeat)] for side, place, repeat in shown},
+    }
+
+
+@router.put("/participants/{participant_id}/answers/{position}", status_code=204)
+def answer(participant: Asked, position: int, body: NewAnswer, store: Served) -> Response:
+    """Record one choice."""
+    _, left, right, *_ = _question(participant, position)
+    store.answer(participant, position, left if body.chosen == "left" else right, body.milliseconds)
+    return Response(status_code=204)
+
+
+@router.get("/pictures/{picture_id}")
+def picture(picture_id: str, store: Served) -> Response:
+    """A picture of a fabric."""
+    found = store.picture(picture_id)
+    if found is None:
+        raise NotFoundError
+    media_type, content = found
+    return Response(content, media_type=media_type, headers={**_HEADERS, "Cache-Control": "private, max-age=86400"})
+
+
+def _question(participant: StudyParticipant, position: int) -> list[int]:
+    if not 0 <= position < len(participant.questions):
+        raise NotFoundError
+    row: list[int] = participant.questions[position]
+    return row
+
+
+def _not_found(_request: Request, _error: Exception) -> JSONResponse:
+    return JSONResponse({"code": "not_found", "title": "there is no such thing in this study"}, 404)
+
+
+def _bad_input(_request: Request, error: Exception) -> JSONResponse:
+    return JSONResponse({"code": getattr(error, "code", "bad_input"), "title": str(error)}, 422)

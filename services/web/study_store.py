@@ -72,6 +72,10 @@ class StudyStore:
         """Identifiers of a fabric's pictures of one repeat, in order."""
         return self._pictures[place, repeat]
 
+    def first_pictures(self, place: int) -> list[str]:
+        """The same of a fabric's first repeat."""
+        return self.pictures(place, min(r for p, r in self._pictures if p == place))
+
     def picture(self, picture_id: str) -> tuple[str, bytes] | None:
         """Media type and content of a picture of this study."""
         with self.database.read() as session:

@@ -1,0 +1,139 @@
+"""`drapemeter study analyse`: what the answers of a human study say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from services.cli import console
+from services.cli.study_options import DATABASE, JSON, STUDY, open_study
+from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from metric.simulate import SimulationPlan
+    from services.web.study_store import StudyStore
+
+
+def analyse(
+    study: str = STUDY,
+    backends: str = typer.Option("lpips", help="Image distances to compare with people, separated by commas."),
+    simulated: bool = typer.Option(False, "--simulated", help="Analyse the simulated observers instead of people."),
+    bootstrap: int = typer.Option(200, min=0, max=10_000, help="Resamples of participants for intervals; 0 for none."),
+    simulations: int = typer.Option(5, help="Simulations of each fabric in each scene, for the image distances."),
+    resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]; must divide 0.5 m."),
+    seed: int = typer.Option(0, min=0, help="Of drapes, starts and resamples."),
+    workers: int = typer.Option(0, help="Worker processes; 0 for one a core."),
+    out: Path | None = typer.Option(None, help="Folder for embedding.png and analysis.json."),
+    database: str | None = DATABASE,
+    json_output: bool = JSON,
+) -> None:
+    """Agreement between participants, the tSTE embedding of their answers, and how each metric's rankings correlate.
+
+    Where a fabric has no known parameters, the embedding and the agreement are given alone. `--backends ''` gives the
+    distance of parameters alone.
+
+    \b
+    Example:
+      drapemeter study analyse study_1f2e --backends lpips,depth --out analysis/
+    """
+    from metric.agreement import agreement, metric_agreement
+    from metric.simulate import SimulationPlan
+    from metric.tste import answer_array, embed
+    from services.cli.metric_options import check_resolution
+
+    check_resolution(resolution)
+    plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
+    names = [name.strip() for name in backends.split(",") if name.strip()]
+    with open_study(database, study) as store:
+        answers = store.answers(simulated=simulated)
+        if not answers:
+            who = "simulated observers" if simulated else "people"
+            raise InputError(f"study {study} has no answers of {who} yet", code="answers_missing")
+        count = len(store.fabrics)
+        found = embed(answer_array(answers), count, seed=seed)
+        matrices = _matrices(store, names, plan)
+        scores = metric_agreement(matrices, answers, count, bootstrap=bootstrap, seed=seed) if matrices else {}
+        agreed = agreement(answers)
+        if out is not None:
+            _draw(out / "embedding.png", store, found.points, simulated)
+    document: dict[str, Any] = {
+        "study": study,
+        "observers": "simulated" if simulated else "people",
+        "participants": len({a.participant for a in answers}),
+        "answers": len(answers),
+        "agreement": agreed,
+        "embedding": {
+            "fabrics": [f.name for f in store.fabrics],
+            "points": found.points,
+            "log_likelihood": found.log_likelihood,
+        },
+        "metrics": scores,
+    }
+    if out is not None:
+        import json
+
+        (out / "analysis.json").write_text(json.dumps(console.to_plain(document), indent=1), encoding="utf-8")
+    if json_output:
+        console.emit_json(document)
+    else:
+        _print(document)
+
+
+def _matrices(store: StudyStore, names: list[str], plan: SimulationPlan) -> dict[str, NDArray[np.float64]]:
+    """Distance matrices by every metric, or none where parameters are unknown."""
+    from metric.backends import get_backend
+    from metric.matrix import pair_tables
+    from metric.parameter_distance import ParameterDistance
+    from metric.simulate import simulate_fabrics
+    from services.cli.metric_options import caches
+    from simcore.parameters import FabricParameters
+
+    if any(fabric.parameters is None for fabric in store.fabrics):
+        return {}
+    fabrics = [FabricParameters.from_mapping(f.parameters or {}) for f in store.fabrics]
+    chosen = [get_backend(name) for name in names]
+    found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
+    if not chosen:
+        return found
+    renders, features = caches(True)
+    with console.progress("simulating", 2 * plan.simulations * len(fabrics)) as bar:
+        simulated = simulate_fabrics(fabrics, plan, cache=renders, on_done=bar.advance)
+    for backend in chosen:
+        tables = pair_tables([s.scenes for s in simulated], backend, cache=features)
+        found[backend.name] = tables.distances()
+    return found
+
+
+def _draw(path: Path, store: StudyStore, points: NDArray[np.float64], simulated: bool) -> None:
+    import io
+
+    import numpy as np
+    from PIL import Image
+
+    from metric.figures import embedding_figure
+
+    shown = []
+    for fabric in store.fabrics:
+        first = store.picture(store.first_pictures(fabric.place)[0])
+        with Image.open(io.BytesIO(first[1] if first is not None else b"")) as image:
+            image.thumbnail((128, 128))
+            shown.append(np.asarray(image.convert("L")))
+    note = " (simulated observers)" if simulated else ""
+    embedding_figure(path, points, [f.name for f in store.fabrics], shown, title=f"{store.study.name}{note}: tSTE")
+
+
+def _print(document: dict[str, Any]) -> None:
+    agreed = document["agreement"]
+    share = "not measured" if agreed.share is None else f"{100 * agreed.share:.1f} % over {agreed.questions} questions"
+    console.say(f"{document['participants']} {document['observers']}, {document['answers']} answers; agreement {share}")
+    for name, score in document["metrics"].items():
+        low, high = score.interval_95 or (float("nan"), float("nan"))
+        console.say(
+            f"  {name:<14} Spearman {score.mean:.3f}  [{low:.3f}, {high:.3f}]  "
+            f"answers predicted {100 * score.answers_predicted:.1f} %"
+        )

@@ -1,0 +1,138 @@
+"""`drapemeter study compare`: which image distance finds what is known beforehand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from services.cli import console
+from services.cli.study_options import JSON
+from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from metric.backends import Backend
+    from metric.comparison import BackendScore
+    from metric.parameter_distance import ParameterDistance
+    from metric.simulate import FabricRenders
+    from simcore.parameters import FabricParameters
+
+EVERY = "lpips,ssim,ms-ssim,psnr,depth,silhouette,normals"
+
+
+def compare(
+    backends: str = typer.Option(EVERY, help="Image distances, separated by commas."),
+    fabrics: int = typer.Option(30, min=3, max=500, help="Fabrics drawn from the prior."),
+    steps: int = typer.Option(6, min=3, max=50, help="Fabrics a sweep."),
+    simulations: int = typer.Option(5, help="Simulations of each fabric in each scene."),
+    resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]; must divide 0.5 m."),
+    seed: int = typer.Option(0, min=0, help="Of fabrics, drapes and choices of repeats."),
+    workers: int = typer.Option(0, help="Worker processes; 0 for one a core."),
+    model: Path | None = typer.Option(None, help="Also the features of this trained estimator."),
+    out: Path | None = typer.Option(None, help="Folder for comparison.json and shares.png."),
+    json_output: bool = JSON,
+) -> None:
+    """Rank image distances on orderings that are known: repeats of one fabric closer than any other fabric, and sweeps
+    of bending, stretch and density monotone; both for every number of simulations up to the one given.
+
+    \b
+    Example:
+      drapemeter study compare --fabrics 30 --simulations 5 --out comparison/
+    """
+    from metric.backends import get_backend
+    from metric.orderings import default_sweeps
+    from metric.simulate import SimulationPlan, simulate_fabrics
+    from services.cli.metric_options import caches, check_resolution
+    from simcore.prior import FabricPrior
+
+    check_resolution(resolution)
+    plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
+    if simulations < 2:
+        raise InputError("the comparison needs at least 2 simulations of each fabric", code="simulations_out_of_range")
+    chosen: list[Backend] = [get_backend(name.strip()) for name in backends.split(",") if name.strip()]
+    if model is not None:
+        from services.trunk_features import trunk_distance
+
+        chosen.append(trunk_distance(model))
+    sweeps = default_sweeps(steps)
+    drawn = FabricPrior.default().sample(range(fabrics), seed)
+    everything = [*drawn, *(f for sweep in sweeps for f in sweep.fabrics)]
+    renders, _ = caches(True)
+    with console.progress("simulating", 2 * simulations * len(everything)) as bar:
+        simulated = simulate_fabrics(everything, plan, cache=renders, on_done=bar.advance)
+    swept = {s.name: simulated[fabrics + k * steps : fabrics + (k + 1) * steps] for k, s in enumerate(sweeps)}
+    scores = _scores(chosen, simulated[:fabrics], swept, seed)
+    document = {
+        "fabrics": fabrics,
+        "simulations": simulations,
+        "resolution": resolution,
+        "seed": seed,
+        "simulated_again": sum(len(s.retries) for s in simulated),
+        "scores": [_row(score) for score in scores],
+        "parameters": _parameter_rows(drawn, {s.name: s.fabrics for s in sweeps}),
+    }
+    if out is not None:
+        _write(out, document, scores)
+    if json_output:
+        console.emit_json(document)
+    else:
+        _print(document)
+
+
+def _scores(
+    backends: Sequence[Backend], fabrics: Sequence[FabricRenders], sweeps: dict[str, list[FabricRenders]], seed: int
+) -> list[BackendScore]:
+    from metric.comparison import score_backend
+
+    found = []
+    count = 2 * (len(fabrics) + sum(len(s) for s in sweeps.values()))
+    with console.progress("comparing", count * len(backends)) as bar:
+        for backend in backends:
+            bar.update(description=backend.name)
+            sets = {name: [f.scenes for f in renders] for name, renders in sweeps.items()}
+            scenes = [f.scenes for f in fabrics]
+            found.append(score_backend(backend, scenes, sets, seed=seed, on_done=bar.advance))
+    return sorted(found, key=lambda s: -s.self_nearest - sum(s.monotone.values()) / len(s.monotone))
+
+
+def _row(score: BackendScore) -> dict[str, Any]:
+    return {name: value for name, value in vars(score).items() if name != "matrix"}
+
+
+def _parameter_rows(
+    drawn: Sequence[FabricParameters], sweeps: dict[str, tuple[FabricParameters, ...]]
+) -> dict[str, Any]:
+    """The parameter distance on the sweeps; it has no repeats, so d(a, a) = 0 says nothing."""
+    from metric.orderings import monotone_share
+    from metric.parameter_distance import ParameterDistance
+
+    distances: dict[str, ParameterDistance] = {
+        "z-score of logarithms": ParameterDistance.of_population(drawn),
+        "z-score": ParameterDistance.of_population(drawn, logarithmic=False),
+    }
+    return {
+        name: {sweep: monotone_share(d.matrix(fabrics)) for sweep, fabrics in sweeps.items()}
+        for name, d in distances.items()
+    }
+
+
+def _write(out: Path, document: dict[str, Any], scores: Sequence[BackendScore]) -> None:
+    from metric.figures import share_figure
+
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "comparison.json").write_text(json.dumps(console.to_plain(document), indent=1), encoding="utf-8")
+    share_figure(out / "shares.png", {score.name: score.by_simulations for score in scores})
+
+
+def _print(document: dict[str, Any]) -> None:
+    scores = document["scores"]
+    sweeps = list(scores[0]["monotone"])
+    console.say(f"{'':<14} d(a,a)<d(a,b)  " + "  ".join(f"{name:>8}" for name in sweeps) + "   ms a render")
+    for row in scores:
+        monotone = "  ".join(f"{100 * row['monotone'][name]:>7.1f}%" for name in sweeps)
+        milliseconds = 1e3 * row["seconds"] / row["renders"]
+        console.say(f"{row['name']:<14} {100 * row['self_nearest']:>12.1f}%  {monotone}   {milliseconds:>11.1f}")

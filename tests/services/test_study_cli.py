@@ -1,0 +1,155 @@
+"""`drapemeter study` from photographs to analysis, and the comparison of image distances."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from metric.agreement import rank_correlations
+from metric.draping import DrapeRequest, RequestResult
+from metric.render import DrapeRender
+from services.cli.main import run
+from simcore.prior import FabricPrior
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a library and photographs of eight fabrics; database and caches of their own."""
+    monkeypatch.setenv("DRAPEMETER_DATABASE", f"sqlite:///{tmp_path / 'd.db'}")
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "cache"))
+    fabrics = FabricPrior.default().sample(range(8), seed=0)
+    library = [{"id": f"fabric-{k}", **f.as_dict()} for k, f in enumerate(fabrics)]
+    (tmp_path / "library.json").write_text(json.dumps(library))
+    rng = np.random.default_rng(0)
+    for k in range(8):
+        inner = tmp_path / "photos" / f"fabric-{k}"
+        inner.mkdir(parents=True)
+        exif = Image.Exif()
+        exif[0x010F] = "a camera"
+        for name in ("front.jpg", "side.png"):
+            pixels = rng.integers(0, 255, (1200, 900, 3), dtype=np.uint8)
+            Image.fromarray(pixels).save(inner / name, exif=exif)
+    return tmp_path
+
+
+def document(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    assert run([*arguments, "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_a_study_with_photographs_and_simulated_observers(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photos = ["--photographs", str(folder / "photos")]
+    made = document(capsys, "study", "make", str(folder / "library.json"), *photos, "--name", "pilot")
+    study = made["study"]
+    assert (made["fabrics"], made["triplets"], made["shared"]) == (8, 20, 5)
+
+    assert run(["study", "analyse", study]) == 2
+    assert "no answers of people" in capsys.readouterr().err
+
+    truth = document(capsys, "study", "simulate", study, "--observers", "20", "--noise", "0.1", "--seed", "3")["points"]
+    listed = document(capsys, "study", "list")["studies"]
+    assert [(s["id"], s["participants"], s["simulated_observers"]) for s in listed] == [(study, 0, 20)]
+
+    out = folder / "analysis"
+    found = document(
+        capsys, "study", "analyse", study, "--simulated", "--backends", "", "--bootstrap", "20", "--out", str(out)
+    )
+    assert found["observers"] == "simulated"
+    assert (found["participants"], found["answers"]) == (20, 400)
+    assert found["agreement"]["questions"] >= 5
+    assert found["agreement"]["share"] > 0.8
+    points = (np.array(truth), np.array(found["embedding"]["points"]))
+    distances = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in points]
+    assert np.mean(rank_correlations(*distances)) > 0.85
+    assert set(found["metrics"]) == {"parameters"}
+    low, high = found["metrics"]["parameters"]["interval_95"]
+    assert -1 <= low < high <= 1
+    assert (out / "embedding.png").stat().st_size > 1000
+    assert json.loads((out / "analysis.json").read_text()) == found
+
+    exported = folder / "answers.csv"
+    assert document(capsys, "study", "export", study, "--out", str(exported))["answers"] == 400
+    rows = list(csv.DictReader(exported.open()))
+    assert len(rows) == 400
+    assert {r["simulated"] for r in rows} == {"True"}
+    assert {r["reference"] for r in rows} == {f"fabric-{k}" for k in range(8)}
+
+
+def test_photographs_are_scaled_and_stripped(folder: Path) -> None:
+    import io
+
+    from services.web.study_pictures import entries_from_photographs
+
+    entries = entries_from_photographs(folder / "photos")
+    assert [e.name for e in entries] == [f"fabric-{k}" for k in range(8)]
+    assert all(e.parameters is None and len(e.pictures) == 2 for e in entries)
+    for shown in entries[0].pictures:
+        with Image.open(io.BytesIO(shown.content)) as image:
+            assert max(image.size) == 1024
+            assert len(image.getexif()) == 0
+
+
+def test_unusable_studies_name_the_way_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    library = str(folder / "library.json")
+    (folder / "broken" / "a").mkdir(parents=True)
+    (folder / "broken" / "a" / "x.jpg").write_bytes(b"no picture")
+    (folder / "empty").mkdir()
+    for arguments, message in (
+        (["make"], "LIBRARY.json"),
+        (["make", library, "--triplets", "10"], "reference 2 times"),
+        (["make", library, "--simulations", "0"], "simulations must be"),
+        (["make", "--photographs", str(folder / "none")], "no such folder"),
+        (["make", "--photographs", str(folder / "empty")], "no subfolders"),
+        (["make", "--photographs", str(folder / "broken")], "not a usable picture"),
+        (["analyse", "study_0"], "study list"),
+        (["export", "study_0", "--out", str(folder / "x.txt")], ".csv or .json"),
+        (["simulate", "study_0"], "study list"),
+        (["compare", "--simulations", "1"], "at least 2"),
+        (["compare", "--backends", "nothing"], "unknown back end"),
+    ):
+        assert run(["study", *arguments]) == 2, arguments
+        captured = capsys.readouterr()
+        assert message in captured.err
+        assert len(captured.err.strip().splitlines()) == 1
+
+
+def analytic_drape(request: DrapeRequest) -> RequestResult:
+    """Stands for a simulation: soft and heavy fabrics fold more, repeats differ by a shift."""
+    y, x = np.mgrid[0:64, 0:64] / 63.0
+    fabric = request.fabric
+    folds = (fabric.density / fabric.bending_warp / fabric.stretch_warp**0.3) ** 0.2
+    shift = 0.2 * np.random.default_rng(request.solver_seed(0)).normal()
+    height = 0.03 * (1 + np.cos(folds * (2 * np.pi * x + shift))) * (0.2 + y) / folds**0.5
+    cloth = np.abs(x - 0.5) < 0.4
+    shaded = np.where(cloth, 60 + 2000 * height, 0).astype(np.uint8)
+    return RequestResult(request, DrapeRender(shaded, np.where(cloth, 0.9 - height, 0).astype(np.float32)))
+
+
+def test_comparison_of_image_distances(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("metric.simulate.run_request", analytic_drape)
+    small = ["--fabrics", "3", "--steps", "3", "--simulations", "2", "--resolution", "0.025", "--workers", "1"]
+    out = folder / "comparison"
+    found = document(capsys, "study", "compare", "--backends", "depth,silhouette", *small, "--out", str(out))
+    assert {s["name"] for s in found["scores"]} == {"depth", "silhouette"}
+    for score in found["scores"]:
+        assert 0 <= score["self_nearest"] <= 1
+        assert set(score["monotone"]) == {"bending", "stretch", "density"}
+        assert set(score["by_simulations"]) == {"1", "2"}
+    assert found["parameters"]["z-score"]["bending"] == 1.0
+    assert (out / "shares.png").stat().st_size > 1000
+    assert json.loads((out / "comparison.json").read_text()) == found
+
+
+def test_every_subcommand_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
+    for command in ("make", "list", "serve", "simulate", "analyse", "export", "compare"):
+        assert run(["study", command, "--help"]) == 0
+        assert f"drapemeter study {command}" in capsys.readouterr().out

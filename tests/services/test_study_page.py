@@ -1,0 +1,180 @@
+"""The human study's store and HTTP interface, without a browser."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastapi.testclient import TestClient
+from PIL import Image
+
+from services.db.engine import Database
+from services.db.migrate import upgrade
+from services.web.study_app import create_study_app
+from services.web.study_create import PictureFile, StudyEntry, create_study, list_studies
+from services.web.study_store import StudyStore
+from simcore.errors import InputError
+from simcore.parameters import FabricParameters
+
+FABRIC = FabricParameters(1000.0, 800.0, 300.0, 5e-5, 4e-5, 4e-5, 0.2)
+
+
+def png(grey: int) -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray(np.full((16, 16), grey, np.uint8)).save(stream, format="PNG")
+    return stream.getvalue()
+
+
+def entries(count: int = 6, repeats: int = 2) -> list[StudyEntry]:
+    return [
+        StudyEntry(
+            f"fabric {k}",
+            FABRIC,
+            tuple(
+                PictureFile(r, scene, "image/png", png(20 * k + r))
+                for r in range(repeats)
+                for scene in ("hanging", "stretch")
+            ),
+        )
+        for k in range(count)
+    ]
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[StudyStore]:
+    database = Database(f"sqlite:///{tmp_path / 'study.db'}")
+    upgrade(database)
+    yield create_study(database, "pilot", entries(), triplets=12, shared=3, seed=4)
+    database.close()
+
+
+@pytest.fixture
+def client(store: StudyStore) -> Iterator[TestClient]:
+    with TestClient(create_study_app(store)) as client:
+        yield client
+
+
+def test_a_participant_from_beginning_to_end(client: TestClient, store: StudyStore) -> None:
+    assert client.get("/study").json() == {"name": "pilot", "questions": 12, "fabrics": 6}
+    begun = client.post("/participants", json={"experience": "some"})
+    assert begun.status_code == 201
+    who = begun.json()["participant"]
+    for position in range(12):
+        state = client.get(f"/participants/{who}").json()
+        assert state == {"questions": 12, "answered": position, "next": position}
+        question = client.get(f"/participants/{who}/questions/{position}").json()
+        assert question["chosen"] is None
+        for side in ("reference", "left", "right"):
+            assert len(question[side]) == 2  # hanging and stretch of one repeat
+            picture = client.get("/" + question[side][0])
+            assert picture.headers["content-type"] == "image/png"
+            Image.open(io.BytesIO(picture.content)).verify()
+        body = {"chosen": "left" if position % 2 else "right", "milliseconds": 1500}
+        assert client.put(f"/participants/{who}/answers/{position}", json=body).status_code == 204
+    assert client.get(f"/participants/{who}").json()["next"] is None
+    answers = store.answers(simulated=False)
+    assert len(answers) == 12
+    assert store.answers(simulated=True) == []
+    assert {a.triplet.reference for a in answers} == set(range(6))
+    exported = store.export()
+    assert [e.position for e in exported] == list(range(12))
+    assert all(e.experience == "some" and e.milliseconds == 1500 and not e.simulated for e in exported)
+    assert all(e.chosen in (e.left, e.right) and e.reference not in (e.left, e.right) for e in exported)
+
+
+def test_a_changed_mind_replaces_the_answer(client: TestClient, store: StudyStore) -> None:
+    who = client.post("/participants", json={}).json()["participant"]
+    for chosen in ("left", "left", "right"):
+        client.put(f"/participants/{who}/answers/0", json={"chosen": chosen, "milliseconds": 10})
+    (exported,) = store.export()
+    assert exported.chosen == exported.right
+    assert exported.changes == 1
+    assert client.get(f"/participants/{who}/questions/0").json()["chosen"] == "right"
+
+
+def test_participants_differ_but_share_some_questions(client: TestClient, store: StudyStore) -> None:
+    rows = []
+    for _ in range(3):
+        participant = store.participant(client.post("/participants", json={}).json()["participant"])
+        assert participant is not None
+        rows.append({(r, min(a, b), max(a, b)) for r, a, b, *_ in participant.questions})
+    assert len(set.intersection(*rows)) >= 3
+    assert rows[0] != rows[1]
+
+
+def test_what_does_not_exist_or_makes_no_sense(client: TestClient, tmp_path: Path) -> None:
+    assert client.get("/participants/part_0").status_code == 404
+    assert client.get("/pictures/pic_0").status_code == 404
+    who = client.post("/participants", json={}).json()["participant"]
+    assert client.get(f"/participants/{who}/questions/99").status_code == 404
+    assert client.get(f"/participants/{who}/questions/-1").status_code == 404
+    put = f"/participants/{who}/answers/"
+    assert client.put(put + "0", json={"chosen": "both"}).status_code == 422
+    assert client.put(put + "0", json={"chosen": "left", "milliseconds": -1}).status_code == 422
+    assert client.put(put + "99", json={"chosen": "left"}).status_code == 404
+    assert client.post("/participants", json={"experience": "guru"}).status_code == 422
+    assert client.post("/participants", json={"name": "Ada"}).status_code == 422
+
+
+def test_the_page_loads_nothing_from_elsewhere(client: TestClient) -> None:
+    page = client.get("/")
+    assert "default-src 'self'" in page.headers["content-security-policy"]
+    for asset in ("static/study.css", "static/study.js"):
+        assert asset in page.text
+        assert client.get("/" + asset).status_code == 200
+    assert "http://" not in page.text
+    assert "https://" not in page.text
+
+
+def test_studies_are_listed_with_people_and_simulated_observers_apart(store: StudyStore) -> None:
+    person, machine = store.add_participant(), store.add_participant(simulated=True)
+    for participant in (person, machine, machine):
+        store.answer(participant, 0, participant.questions[0][1], 5)
+    (row,) = list_studies(store.database)
+    assert (row["participants"], row["answers"]) == (1, 1)
+    assert (row["simulated_observers"], row["simulated_answers"]) == (1, 1)
+    assert len(store.answers(simulated=True)) == 1
+    assert store.answers(simulated=True)[0].simulated
+
+
+def test_pictures_of_another_study_are_not_shown(store: StudyStore) -> None:
+    other = create_study(store.database, "other", entries(), triplets=12, shared=0, seed=0)
+    foreign = other.pictures(0, 0)[0]
+    assert other.picture(foreign) is not None
+    assert store.picture(foreign) is None
+    stranger = other.add_participant()
+    assert store.participant(stranger.id) is None
+
+
+@pytest.mark.parametrize(
+    ("count", "triplets", "shared", "seed", "code"),
+    [
+        (2, 20, 0, 0, "fabrics_too_few"),
+        (6, 11, 0, 0, "triplets_few"),
+        (6, 61, 0, 0, "triplets_many"),
+        (6, 12, 13, 0, "triplets_shared"),
+        (6, 12, 0, -1, "seed_out_of_range"),
+    ],
+)
+def test_unusable_studies(count: int, triplets: int, shared: int, seed: int, code: str, store: StudyStore) -> None:
+    with pytest.raises(InputError) as caught:
+        create_study(store.database, "x", entries(count), triplets=triplets, shared=shared, seed=seed)
+    assert caught.value.code == code
+    assert len(list_studies(store.database)) == 1
+
+
+def test_a_study_needs_names_and_pictures(store: StudyStore) -> None:
+    twice = [*entries(5), entries(1)[0]]
+    with pytest.raises(InputError, match="name of its own"):
+        create_study(store.database, "x", twice, triplets=12, shared=0, seed=0)
+    bare = [*entries(5), StudyEntry("bare", None, ())]
+    with pytest.raises(InputError, match="no pictures of bare"):
+        create_study(store.database, "x", bare, triplets=12, shared=0, seed=0)
+
+
+def test_unknown_study(store: StudyStore) -> None:
+    with pytest.raises(InputError, match="study list"):
+        StudyStore(store.database, "study_0")
