@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import os
 import re
 import subprocess
@@ -183,3 +184,21 @@ def test_links_in_the_documents_lead_somewhere(repository: Path) -> None:
 def test_licence_is_apache(repository: Path, project: dict[str, Any]) -> None:
     assert project["license"] == "Apache-2.0"
     assert "Apache License" in (repository / "LICENSE").read_text(encoding="utf-8")[:200]
+
+
+def test_the_cluster_launcher_file_fits_rays_schema(repository: Path) -> None:
+    import jsonschema
+    import ray
+
+    schema = json.loads((Path(ray.__file__).parent / "autoscaler" / "ray-schema.json").read_text(encoding="utf-8"))
+    jsonschema.validate(yaml.safe_load((repository / "deploy" / "ray-cluster.yaml").read_text()), schema)
+
+
+def test_the_kuberay_job_runs_our_ray_version_without_root(repository: Path) -> None:
+    job = yaml.safe_load((repository / "deploy" / "kuberay-rayjob.yaml").read_text(encoding="utf-8"))
+    cluster = job["spec"]["rayClusterSpec"]
+    assert str(pins(repository / "requirements.txt")["ray"].specifier) == f"=={cluster['rayVersion']}"
+    for group in (cluster["headGroupSpec"], *cluster["workerGroupSpecs"]):
+        pod = group["template"]["spec"]
+        assert pod["securityContext"]["runAsNonRoot"] is True
+        assert all("limits" in container["resources"] for container in pod["containers"])
