@@ -12,6 +12,8 @@ from renderer.depth import hit_normals
 from renderer.light import Light, encode_srgb
 from renderer.pose import check_pose, inclination_pose
 from renderer.raycast import NO_TRIANGLE, RayScene
+from renderer.refine import SMOOTH_CELLS, grid_shape, refine_grid
+from renderer.surface import check_surface
 from simcore.errors import DrapemeterError, InputError
 
 DEFAULT_LIGHT = Light()
@@ -49,6 +51,8 @@ class ShadedRenderer:
         engine: ``raycast`` or ``filament``.
         light: the light; it stays with the camera.
         supersample: samples a pixel along each axis, averaged in linear light.
+        smooth_cells: a coarser regular grid is refined to this many cells a side by splines (see
+            :mod:`renderer.refine`), so that facets and beads of the mesh do not show; 0 = draw the triangles as given.
 
     Raises:
         InputError: unknown engine, bad supersampling, or (``filament``) a distorted camera.
@@ -56,7 +60,13 @@ class ShadedRenderer:
     """
 
     def __init__(
-        self, camera: Camera, *, engine: str = "raycast", light: Light = DEFAULT_LIGHT, supersample: int = 2
+        self,
+        camera: Camera,
+        *,
+        engine: str = "raycast",
+        light: Light = DEFAULT_LIGHT,
+        supersample: int = 2,
+        smooth_cells: int = SMOOTH_CELLS,
     ) -> None:
         if not 1 <= supersample <= 8:
             raise InputError(f"supersampling {supersample} must be from 1 to 8", code="supersample")
@@ -64,6 +74,7 @@ class ShadedRenderer:
         self.engine = ShadeEngine.parse(engine)
         self.light = light
         self.supersample = supersample
+        self.smooth_cells = smooth_cells
         self._fine = camera.scaled(supersample)
         if self.engine is ShadeEngine.FILAMENT:
             from renderer.filament import check_filament_camera, filament_process
@@ -84,7 +95,8 @@ class ShadedRenderer:
         Args:
             vertices: [m], panel frame, shape [V, 3].
             triangles: int, shape [T, 3].
-            uv: texture coordinates, shape [V, 2]; only ``filament`` reads them (None = zeros).
+            uv: texture coordinates, shape [V, 2]. Those of a regular grid (``GridMesh.uv``) have the surface between
+                its vertices smoothed; with others, or None, the triangles are drawn as they are.
             camera_from_panel: pose, [4, 4].
             inclination_deg: positive brings the hem towards the camera [degree].
 
@@ -97,6 +109,10 @@ class ShadedRenderer:
                 graphics driver).
         """
         pose = check_pose(camera_from_panel) @ inclination_pose(inclination_deg)
+        if uv is not None and self.smooth_cells > 0 and grid_shape(uv) is not None:
+            check_surface(vertices, triangles)
+            surface = refine_grid(vertices, uv, self.smooth_cells)
+            vertices, triangles, uv = surface.vertices, surface.triangles, surface.uv
         if self.engine is ShadeEngine.FILAMENT:
             from renderer.filament import filament_radiance
 
@@ -119,6 +135,7 @@ def shade_lambertian_raycast(
     camera: Camera,
     camera_from_panel: ArrayLike,
     *,
+    uv: ArrayLike | None = None,
     inclination_deg: float = 0.0,
     light: Light = DEFAULT_LIGHT,
     supersample: int = 2,
@@ -128,7 +145,7 @@ def shade_lambertian_raycast(
     Arguments and errors as for :class:`ShadedRenderer` and its ``render``.
     """
     renderer = ShadedRenderer(camera, engine=ShadeEngine.RAYCAST, light=light, supersample=supersample)
-    return renderer.render(vertices, triangles, None, camera_from_panel, inclination_deg)
+    return renderer.render(vertices, triangles, uv, camera_from_panel, inclination_deg)
 
 
 def _raycast_radiance(
