@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import logging
+import socket
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from simcore.errors import MissingResourceError
 
@@ -13,48 +14,60 @@ if TYPE_CHECKING:
 
 WINDOW_PER_CORE = 2
 """Tasks under way for each core of the cluster: enough to keep it busy, few enough to hold in memory."""
+PROBE_S = 5.0
 
 
-def connect(address: str) -> None:
-    """Join a cluster; again does no harm.
+def require_cluster(address: str) -> None:
+    """Knock before Ray does, which tries for minutes.
 
     Raises:
-        MissingResourceError: it does not answer.
+        MissingResourceError: nobody listens there.
     """
-    import ray
-
-    if ray.is_initialized():
-        return
+    place = urlsplit(address if "://" in address else f"//{address}")
+    if place.hostname is None or place.port is None:
+        return  # 'auto' and its like: Ray knows
     try:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)
-    except ConnectionError as error:
+        socket.create_connection((place.hostname, place.port), timeout=PROBE_S).close()
+    except OSError as error:
         raise MissingResourceError(
-            f"the Ray cluster {address} cannot be reached ({error}): check that it runs", code="ray_unreachable"
+            f"no Ray cluster answers at {address} ({error.strerror or error}): check that it runs",
+            code="cluster_missing",
         ) from None
 
 
 def ray_runner(address: str) -> Callable[[Sequence[DrapeRequest]], Iterator[RequestResult]]:
-    """A runner for :func:`metric.simulate.simulate_fabrics` that spreads simulations over a cluster."""
+    """A runner for :func:`metric.simulate.simulate_fabrics` that spreads simulations over a cluster.
+
+    Raises:
+        MissingResourceError: there is no cluster at the address.
+    """
 
     def run(requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
-        import ray
+        from services.dataset.cluster import ray_cluster
 
-        from metric.draping import run_request
-
-        connect(address)
-        remote = ray.remote(run_request).options(num_cpus=1, max_retries=3)
-        cores: float = ray.cluster_resources().get("CPU", 1.0)  # type: ignore[no-untyped-call]  # Ray has no types here
-        window = max(1, int(cores)) * WINDOW_PER_CORE
-        waiting = list(reversed(requests))
-        pending: list[Any] = []
-        try:
-            while waiting or pending:
-                while waiting and len(pending) < window:
-                    pending.append(remote.remote(waiting.pop()))
-                done, pending = ray.wait(pending, num_returns=1)
-                yield from ray.get(done)
-        finally:
-            for task in pending:
-                ray.cancel(task)
+        if not requests:
+            return
+        require_cluster(address)
+        with ray_cluster(address, None) as cores:
+            yield from _spread(requests, cores * WINDOW_PER_CORE)
 
     return run
+
+
+def _spread(requests: Sequence[DrapeRequest], window: int) -> Iterator[RequestResult]:
+    import ray
+
+    from metric.draping import run_request
+
+    remote = ray.remote(run_request).options(num_cpus=1, max_retries=3)
+    waiting = list(reversed(requests))
+    pending: list[Any] = []
+    try:
+        while waiting or pending:
+            while waiting and len(pending) < window:
+                pending.append(remote.remote(waiting.pop()))
+            done, pending = ray.wait(pending, num_returns=1)
+            yield from ray.get(done)
+    finally:
+        for task in pending:
+            ray.cancel(task)

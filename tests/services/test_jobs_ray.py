@@ -1,0 +1,65 @@
+"""Jobs whose simulations run on a Ray cluster."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.services.served import QUICK, SOFT, STIFF, finished, serving
+
+RAY = Path(sys.executable).parent / "ray"
+TOKEN = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
+
+
+@pytest.fixture
+def cluster() -> Iterator[str]:
+    """Address of a cluster of one node with one core, a process of its own."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    folder = tempfile.mkdtemp(prefix="dm-ray-")
+    command = [str(RAY), "start", "--head", "--block", "--node-ip-address=127.0.0.1", f"--port={port}", "--num-cpus=1"]
+    command += ["--include-dashboard=false", f"--temp-dir={folder}", "--object-store-memory=100000000"]
+    env = {**os.environ, **TOKEN, "RAY_USAGE_STATS_ENABLED": "0"}
+    process = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert process.stdout is not None
+    try:
+        for line in process.stdout:
+            if "Ray runtime started" in line:
+                break
+        yield f"127.0.0.1:{port}"
+    finally:
+        process.terminate()
+        process.wait(30)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+def test_a_distance_computed_on_a_cluster_is_the_one_computed_here(cluster: str, tmp_path: Path) -> None:
+    body = {"a": STIFF, "b": SOFT, **QUICK}
+    results = []
+    for options in (("--ray-address", cluster), ()):
+        folder = tmp_path / f"with-{len(options)}"
+        folder.mkdir()
+        with serving(folder, *options, **TOKEN) as running, running.client() as client:
+            job = finished(client, client.post("/v1/drape-distances", json=body).headers["location"], 150)
+        assert job["status"] == "succeeded", job
+        results.append(job["result"])
+    assert results[0] == results[1]
+
+
+def test_a_cluster_that_does_not_answer_fails_the_job_with_a_code(tmp_path: Path) -> None:
+    with serving(tmp_path, "--ray-address", "127.0.0.1:1") as running, running.client() as client:
+        answer = client.post("/v1/drape-distances", json={"a": STIFF, "b": SOFT, **QUICK})
+        job = finished(client, answer.headers["location"], 150)
+    assert (job["status"], job["problem"]["code"]) == ("failed", "cluster_missing"), job
