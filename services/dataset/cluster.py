@@ -45,6 +45,11 @@ def ray_cluster(address: str | None, workers: int | None) -> Iterator[int]:
     else:
         try:
             ray.init(address=address, **quiet)
+        except ray.exceptions.AuthenticationError:
+            raise InputError(
+                f"the Ray cluster at {address} wants its token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN",
+                code="cluster_token",
+            ) from None
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise InputError(
                 f"no Ray cluster answers at {address} ({str(error).splitlines()[0]}); "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +18,9 @@ from simcore.errors import StoreError
 MAX_DEATHS = 3
 """Workers that one simulation may take with it before its rows say so."""
 
+MAX_STILLBORN = 10
+"""Workers that may die before they start."""
+
 POLL_S = 0.5
 
 
@@ -28,14 +31,16 @@ class DispatchOptions:
     Attributes:
         workers: worker processes, one CPU each.
         recycle_after: simulations after which a worker's process is replaced.
-        start_allowance_s: wall-clock seconds for a worker to start, import and compile.
+        compile_allowance_s: wall-clock seconds more for a worker's first simulation, which compiles.
+        start_allowance_s: wall-clock seconds without any worker after which the sweep ends.
         silence_factor: a simulation silent for this many time limits of wall-clock time is taken for hung.
         gpus_per_worker: share of a GPU each worker asks for.
     """
 
     workers: int
     recycle_after: int = 2000
-    start_allowance_s: float = 180.0
+    compile_allowance_s: float = 180.0
+    start_allowance_s: float = 900.0
     silence_factor: float = 4.0
     gpus_per_worker: float = 0.0
 
@@ -84,43 +89,71 @@ class Dispatcher:
         self._shard_deaths: Counter[int] = Counter()
         self._given_up: dict[int, tuple[RowStatus, str]] = {}
         self._running: dict[Any, _Slot] = {}
+        self._starting: dict[Any, _Slot] = {}
+        self._idle: list[_Slot] = []
+        self._ahead: int | None = None
+        self._stillborn = 0
+        self._heard = 0.0
 
     def run(self, shards: Iterable[int]) -> None:
         """Work through the shards; returns when all are stored.
 
         Raises:
             InputError, StoreError: the place of the store fails; what is stored stays, a resumed sweep does the rest.
-            StoreError: a shard took worker after worker without getting on.
+            StoreError: a shard took worker after worker without getting on, or no worker comes up.
         """
         import ray
 
         waiting = iter(shards)
-        idle: list[_Slot] = []
+        self._heard = time.monotonic()
         try:
             while True:
-                while len(self._running) < self._options.workers:
-                    shard = self._retry.popleft() if self._retry else next(waiting, None)
-                    if shard is None:
-                        break
-                    self._start(idle.pop() if idle else self._new_slot(), shard)
-                if not self._running:
+                self._hand_out(waiting)
+                if not self._running and not self._retry and self._ahead is None:
                     return
-                ready, _ = ray.wait(list(self._running), num_returns=1, timeout=POLL_S, fetch_local=False)
-                for stream in ready:
-                    finished = self._advance(stream)
-                    if finished is not None:
-                        idle.append(finished)
+                watched = [*self._running, *self._starting]
+                ready, _ = ray.wait(watched, num_returns=1, timeout=POLL_S, fetch_local=False)
+                for event in ready:
+                    if event in self._starting:
+                        self._came_up(event)
+                    else:
+                        self._advance(event)
                 self._end_hung()
         finally:
-            for slot in [*self._running.values(), *idle]:
+            for slot in [*self._running.values(), *self._starting.values(), *self._idle]:
                 ray.kill(slot.actor)
-            self._running.clear()
 
-    def _new_slot(self) -> _Slot:
-        actor = self._actor_class.options(
-            num_cpus=1, num_gpus=self._options.gpus_per_worker, max_restarts=0
-        ).remote(self._url, self._configuration)  # fmt: skip
-        return _Slot(actor)
+    def _hand_out(self, waiting: Iterator[int]) -> None:
+        """Keep the workers' number up, and give those that are up a shard each; one that is not up holds none."""
+        while True:
+            if self._ahead is None:
+                self._ahead = self._retry.popleft() if self._retry else next(waiting, None)
+            if self._ahead is None:
+                return
+            if not self._idle:
+                break
+            self._start(self._idle.pop(), self._ahead)
+            self._ahead = None
+        while len(self._running) + len(self._starting) < self._options.workers:
+            actor = self._actor_class.options(
+                num_cpus=1, num_gpus=self._options.gpus_per_worker, max_restarts=0
+            ).remote(self._url, self._configuration)  # fmt: skip
+            self._starting[actor.__ray_ready__.remote()] = _Slot(actor)
+
+    def _came_up(self, event: Any) -> None:
+        """A new worker answers, or died before it could."""
+        import ray
+
+        slot = self._starting.pop(event)
+        try:
+            ray.get(event)
+        except ray.exceptions.RayError as error:
+            self._stillborn += 1
+            if self._stillborn > MAX_STILLBORN:
+                raise StoreError(f"workers die before they start: {error}", code="workers_die") from None
+            return
+        self._heard = time.monotonic()
+        self._idle.append(slot)
 
     def _start(self, slot: _Slot, shard: int) -> None:
         layout = self._configuration.layout
@@ -133,8 +166,8 @@ class Dispatcher:
         slot.shard, slot.done, slot.heard = shard, 0, time.monotonic()
         self._running[slot.actor.run.remote(task)] = slot
 
-    def _advance(self, stream: Any) -> _Slot | None:
-        """Take one word of a worker; the slot is returned when its shard is stored and the worker may go on."""
+    def _advance(self, stream: Any) -> None:
+        """Take one word of a worker."""
         import ray
 
         slot = self._running[stream]
@@ -142,7 +175,11 @@ class Dispatcher:
             word: SimulationDone = ray.get(next(stream))
         except StopIteration:
             del self._running[stream]
-            return self._recycled(slot)
+            if slot.solves < self._options.recycle_after:
+                self._idle.append(slot)
+            else:
+                ray.kill(slot.actor)
+            return
         except ray.exceptions.RayTaskError as error:
             del self._running[stream]
             ray.kill(slot.actor)
@@ -150,30 +187,26 @@ class Dispatcher:
         except ray.exceptions.RayError as error:
             del self._running[stream]
             self._lost(slot, RowStatus.CRASHED, f"the worker died ({type(error).__name__})")
-            return None
+            return
         slot.done += 1
         slot.solves = word.solves
-        slot.heard = time.monotonic()
+        slot.heard = self._heard = time.monotonic()
         self._listen(word)
-        return None
-
-    def _recycled(self, slot: _Slot) -> _Slot | None:
-        import ray
-
-        if slot.solves < self._options.recycle_after:
-            return slot
-        ray.kill(slot.actor)
-        return None
 
     def _end_hung(self) -> None:
         """Kill workers whose simulation has been silent far beyond its time limit."""
         now = time.monotonic()
         limit = self._options.silence_factor * self._configuration.time_limit_s
         for stream, slot in list(self._running.items()):
-            allowance = self._options.start_allowance_s if slot.solves == 0 and slot.done == 0 else 0.0
+            allowance = self._options.compile_allowance_s if slot.solves == 0 else 0.0
             if now - slot.heard > limit + allowance:
                 del self._running[stream]
                 self._lost(slot, RowStatus.TIMED_OUT, f"silent for {limit:.0f} s")
+        if not self._running and not self._idle and now - self._heard > self._options.start_allowance_s:
+            raise StoreError(
+                f"no worker has come up in {self._options.start_allowance_s:.0f} s: the cluster has no free CPU",
+                code="workers_missing",
+            )
 
     def _lost(self, slot: _Slot, status: RowStatus, reason: str) -> None:
         """A worker is gone: its shard is done again, by another; a simulation that keeps killing is given up."""

@@ -58,7 +58,7 @@ def test_a_simulation_that_keeps_killing_is_given_up_and_the_others_kept(tmp_pat
 
 
 def test_a_hung_simulation_is_ended_and_told(tmp_path: Path) -> None:
-    dispatch(tmp_path, HangingWorker, silence_factor=1.0, start_allowance_s=20.0)
+    dispatch(tmp_path, HangingWorker, silence_factor=1.0, compile_allowance_s=20.0)
     assert shards(tmp_path)[2] == "ok timed_out ok" and len(shards(tmp_path)) == SHARDS
 
 
