@@ -58,6 +58,7 @@ class Level:
         rows, columns = grid.rows, grid.columns
         self._values: Array = np.zeros(len(indices))
         self._vertex_energy: Array = np.zeros((rows, columns))
+        self.stress: Array = np.zeros((rows - 1, columns - 1, 3))
         self._cell_forces: Array = np.zeros((rows - 1, columns - 1, 9))
         self._cell_hessians: Array = np.zeros((rows - 1, columns - 1, 54))
         self.fixed = np.zeros((rows, columns), dtype=np.int32)
@@ -101,13 +102,18 @@ class Level:
         free = self.fixed.size - int(self.fixed.sum())
         return float(np.linalg.norm(gradient) / math.sqrt(max(free, 1)) / self.loads.weight)
 
+    def set_stress(self, x: Array, step: Array, length: float) -> None:
+        """Take the stress of the next Hessian from ``x``, carried linearly along ``length * step``."""
+        kernels.membrane_stress(x, step, length, self.membrane, self.stress)
+
     def factor(self, x: Array, blend: float, shift: Array | float = 0.0) -> int:
-        """Assemble and factor the Hessian, blended towards a positive one, plus a diagonal ``shift`` [N/m] a vertex.
+        """Assemble and factor the Hessian with the stress of :meth:`set_stress`, blended towards a positive one, plus a
+        diagonal ``shift`` [N/m] a vertex.
 
         Returns:
             The number of its negative eigenvalues.
         """
-        kernels.membrane_cell_hessians(x, self.membrane, blend, self._cell_hessians)
+        kernels.membrane_cell_hessians(x, self.membrane, self.stress, blend, self._cell_hessians)
         vertex = self.contact.hessian(x, self.fixed)
         vertex[..., :3] += shift[..., None] if isinstance(shift, np.ndarray) else shift
         stiffness = float(self.membrane[:3].max())
@@ -119,3 +125,28 @@ class Level:
     def solve(self, right: Array) -> Array:
         """Solve with the last factorisation; shapes [rows, columns, 3]."""
         return self.factorisation.solve(right.ravel()).reshape(self.grid.shape)
+
+    def soft_modes(self, count: int, start: Array, rounds: int) -> tuple[Array, Array]:
+        """Eigenpairs nearest zero of the last factored Hessian, by subspace iteration with its inverse.
+
+        Args:
+            count: how many.
+            start: vectors to start from, shape [at least count, n].
+            rounds: iterations.
+
+        Returns:
+            Eigenvalue estimates [N/m], ascending, shape [count]; unit vectors, shape [count, n].
+        """
+        basis = start[:count].copy()
+        basis.reshape(count, -1, 3)[:, self.fixed.ravel() == 1] = 0.0
+        inverse: Array = np.zeros(count)
+        for _ in range(rounds):
+            q, _ = np.linalg.qr(basis.T)
+            orthonormal = np.ascontiguousarray(q.T)
+            basis = self.factorisation.solve(orthonormal)
+            inverse, turn = np.linalg.eigh(orthonormal @ basis.T)
+            basis = turn.T @ basis
+        vectors = basis / np.linalg.norm(basis, axis=1, keepdims=True)
+        values = 1.0 / inverse
+        order = np.argsort(values)
+        return values[order], vectors[order]

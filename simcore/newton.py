@@ -13,6 +13,12 @@ from simcore.level import Level
 
 Array = NDArray[np.float64]
 
+INNER_STEPS = 16
+"""Most L-BFGS steps with one factorisation."""
+MEMORY = 6
+"""Pairs that L-BFGS keeps."""
+WORTH = 0.06
+"""An L-BFGS step that lowers the energy by less than this share of the factorisation's own step is the last."""
 
 @dataclass(frozen=True)
 class NewtonOptions:
@@ -54,18 +60,22 @@ class Newton:
     """Blended Newton: H = H_spd + blend (H_exact - H_spd).
 
     The blend grows while steps do as predicted and shrinks when the factorisation meets negative eigenvalues; at 1 the
-    finish is quadratic. A stationary point with negative curvature is left along its lowest mode.
+    finish is quadratic. A factorisation costs several times a solve, so each is used for a run of L-BFGS steps. A
+    stationary point with negative curvature is left along its lowest mode.
     """
 
     def __init__(self, level: Level, options: NewtonOptions, deadline: float = math.inf) -> None:
         self.level = level
         self.options = options
         self.deadline = deadline
+        rng = np.random.default_rng(7)
+        self._start: Array = rng.standard_normal((4, level.fixed.size * 3))
+        self.escapes = 0
 
     def minimise(self, x: Array) -> Rest:
         """Go down from ``x`` (which must not be behind the panel)."""
         level, options = self.level, self.options
-        blend, damping, escapes = 0.0, 0.0, 0
+        blend, damping = 0.0, 0.0
         energy, gradient = level.energy(x), level.gradient(x)
         residual = level.residual(gradient)
         for iteration in range(options.iterations + 1):
@@ -74,48 +84,112 @@ class Newton:
                 return Rest(x, residual, False, iteration, True)
             if near:
                 blend, damping = 1.0, 0.0
-            negative = level.factor(x, blend, damping * level.loads.weight / level.grid.hu)
+            level.set_stress(x, x, 0.0)
+            negative = self._factor(x, blend, damping)
             if near and negative == 0:
                 return Rest(x, residual, True, iteration, True)
             if iteration == options.iterations or time.process_time() > self.deadline:
                 break
             if near:
-                escapes += 1
-                if escapes > 8:
+                self.escapes += 1
+                if self.escapes > 8:
                     break
                 x = self._escape(x, energy)
                 energy, gradient = level.energy(x), level.gradient(x)
                 residual, blend = level.residual(gradient), 0.5
                 continue
+            refused = blend
             while negative > 0:
                 if blend > 0.0:
                     blend = 0.5 * blend if blend > 0.1 else 0.0
                 else:
                     damping = max(4.0 * damping, 1e-3)
-                negative = level.factor(x, blend, damping * level.loads.weight / level.grid.hu)
-            step = level.solve(-gradient)
-            length, moved, new_energy = self._search(x, step, energy, gradient)
+                negative = self._factor(x, blend, damping)
+            refused = refused if refused > blend else 2.0
+            slope, length, fall, x, energy, gradient = self._descend(x, energy, gradient)
+            residual = level.residual(gradient)
             if length == 0.0:
                 if blend == 0.0 and damping > 1e3:
                     break
                 blend, damping = 0.0, max(4.0 * damping, 1e-3)
                 continue
-            predicted = -float(np.vdot(gradient, step)) * length * (1.0 - 0.5 * length)
-            ratio = (energy - new_energy) / max(predicted, 1e-300)
-            x, energy = moved, new_energy
-            gradient = level.gradient(x)
-            residual = level.residual(gradient)
-            if length == 1.0 and ratio > 0.5:
-                blend = min(1.0, 2.0 * blend + 0.25)
+            if length == 1.0 and fall > -0.25 * slope:
+                blend = min(1.0, 2.0 * blend + 0.25) if refused > 1.5 else blend * 1.25
                 damping = 0.25 * damping if damping > 1e-3 else 0.0
             elif length < 0.3:
                 blend *= 0.5
         return Rest(x, residual, False, options.iterations, False)
 
-    def _search(self, x: Array, step: Array, energy: float, gradient: Array) -> tuple[float, Array, float]:
+    def _descend(self, x: Array, energy: float, gradient: Array) -> tuple[float, float, float, Array, float, Array]:
+        """One step with the factorisation at hand, then as many limited-memory BFGS steps preconditioned by it as pay.
+
+        Returns:
+            Of the first step the slope, its length and its fall of energy; then positions, energy and gradient.
+        """
+        level = self.level
+        pairs: list[tuple[Array, Array, float]] = []
+        first: tuple[float, float, float] | None = None
+        for _ in range(INNER_STEPS):
+            step = self._direction(gradient, pairs)
+            slope = float(np.vdot(gradient, step))
+            length, moved, new_energy = self._search(x, step, energy, slope)
+            fall = energy - new_energy
+            if first is None:
+                first = (slope, length, fall)
+                worth = fall * WORTH
+            if length == 0.0:
+                break
+            new_gradient = level.gradient(moved)
+            s, y = moved - x, new_gradient - gradient
+            curvature = float(np.vdot(s, y))
+            if curvature > 1e-12 * float(np.linalg.norm(s) * np.linalg.norm(y)):
+                pairs.append((s, y, 1.0 / curvature))
+                del pairs[:-MEMORY]
+            x, energy, gradient = moved, new_energy, new_gradient
+            if fall < worth or length < 0.1 or level.residual(gradient) < self.options.tolerance:
+                break
+        assert first is not None
+        return (*first, x, energy, gradient)
+
+    def _direction(self, gradient: Array, pairs: list[tuple[Array, Array, float]]) -> Array:
+        """L-BFGS two-loop recursion (Nocedal and Wright 2006, algorithm 7.4) round the factored Hessian."""
+        q = gradient.copy()
+        weights = []
+        for s, y, rho in reversed(pairs):
+            alpha = rho * float(np.vdot(s, q))
+            q -= alpha * y
+            weights.append(alpha)
+        z = self.level.solve(q)
+        for (s, y, rho), alpha in zip(pairs, reversed(weights), strict=True):
+            z += (alpha - rho * float(np.vdot(y, z))) * s
+        return -z
+
+    def _factor(self, x: Array, blend: float, damping: float) -> int:
+        return self.level.factor(x, blend, damping * self.level.loads.weight / self.level.grid.hu)
+
+    def _escape(self, x: Array, energy: float) -> Array:
+        """Leave a saddle along its lowest mode, to whichever side and as far as the energy falls."""
+        level = self.level
+        _, modes = level.soft_modes(4, self._start, 10)
+        mode = modes[0].reshape(x.shape) / np.abs(modes[0]).max()
+        best, best_energy = x, energy
+        for sign in (1.0, -1.0):
+            direction = sign * mode
+            cap = min(level.contact.largest_step(x, direction, level.fixed), 3.0 * level.grid.hu)
+            size = 1e-3 * level.grid.hu
+            while size < cap:
+                candidate = x + size * direction
+                value = level.energy(candidate)
+                if value < best_energy:
+                    best, best_energy = candidate, value
+                elif size > 0.1 * level.grid.hu:
+                    break
+                size *= 2.0
+        return best
+
+    def _search(self, x: Array, step: Array, energy: float, slope: float) -> tuple[float, Array, float]:
         """Backtrack from the longest allowed step until the energy falls enough; 0 when it never does."""
         level = self.level
-        slope = float(np.vdot(gradient, step))
         if slope >= 0.0:
             return 0.0, x, energy
         longest = self.options.largest_step * min(level.grid.hu, level.grid.hv)
@@ -128,25 +202,3 @@ class Newton:
                 return length, moved, new_energy
             length *= 0.5
         return 0.0, x, energy
-
-    def _escape(self, x: Array, energy: float) -> Array:
-        """Step along the lowest mode of the exact Hessian, to whichever side the energy falls further."""
-        level = self.level
-        shift = level.loads.weight / level.grid.hu * 1e-2
-        while level.factor(x, 1.0, shift) > 0:
-            shift *= 4.0
-        mode = np.cos(np.arange(x.size) * 1.7).reshape(x.shape) * (level.fixed == 0)[..., None]
-        for _ in range(30):
-            mode = level.solve(mode)
-            mode /= np.linalg.norm(mode)
-        mode /= np.abs(mode).max()
-        best, best_energy = x, energy
-        size = min(level.grid.hu, level.grid.hv)
-        for sign in (1.0, -1.0):
-            cap = level.contact.largest_step(x, sign * mode, level.fixed)
-            for fraction in (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001):
-                candidate = x + sign * min(fraction * size, cap) * mode
-                value = level.energy(candidate)
-                if value < best_energy:
-                    best, best_energy = candidate, value
-        return best

@@ -65,10 +65,11 @@ class Factorisation:
             return ctypes.byref(ctypes.c_int(value))
 
         error = ctypes.c_int(0)
+        sides = 1 if right is None or right.ndim == 1 else len(right)
         _library().pardiso(
             _pointer(self._handle), reference(1), reference(1), reference(_REAL_SYMMETRIC_INDEFINITE),
             reference(phase), reference(self.n), _pointer(self._values), _pointer(self._ia), _pointer(self._ja),
-            _pointer(self._permutation), reference(1), _pointer(self._settings), reference(0),
+            _pointer(self._permutation), reference(sides), _pointer(self._settings), reference(0),
             _pointer(self._unused if right is None else right), _pointer(self._unused if out is None else out),
             ctypes.byref(error),
         )  # fmt: skip
@@ -90,9 +91,10 @@ class Factorisation:
         return int(self._settings[22]) + perturbed
 
     def solve(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Solve with the last factorisation; float64, shape [n]."""
-        out = np.empty(self.n)
-        self._call(33, np.ascontiguousarray(right), out)
+        """Solve with the last factorisation for one or several right sides; float64, shape [n] or [sides, n]."""
+        right = np.ascontiguousarray(right)
+        out = np.empty_like(right)
+        self._call(33, right, out)
         return out
 
     def __del__(self) -> None:

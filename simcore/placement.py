@@ -132,6 +132,7 @@ def _step(level: Level, x: Array, velocity: Array, inertia: Array, pins: Pins, p
     goal = x + STEP_S * velocity * free
     for _ in range(2):
         gradient = level.gradient(x) + inertia[..., None] * (x - goal) * free
+        level.set_stress(x, x, 0.0)
         shift = inertia
         while level.factor(x, 0.0, shift) > 0:
             shift = 4.0 * shift
