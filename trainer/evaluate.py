@@ -132,7 +132,7 @@ def _scores(
     for k, name in enumerate(ESTIMATED_NAMES):
         error = np.abs(predicted_logs[:, k] - logs[:, k])
         linear = np.abs(np.exp(predicted_logs[:, k]) - truth[:, k]) / spans[k]
-        score = Score(float(error.mean()), float(linear.mean()), _rank_correlation(predicted_logs[:, k], logs[:, k]))
+        score = Score(float(error.mean()), float(linear.mean()), rank_correlation(predicted_logs[:, k], logs[:, k]))
         if half_widths is not None and np.isfinite(half_widths[:, k]).all():
             coverage = float((error <= half_widths[:, k]).mean())
             factor = float(np.exp(2 * np.median(half_widths[:, k])))
@@ -141,7 +141,8 @@ def _scores(
     return result
 
 
-def _rank_correlation(a: FloatArray, b: FloatArray) -> float:
+def rank_correlation(a: FloatArray, b: FloatArray) -> float:
+    """Spearman's; 0 when one of them is constant."""
     if np.ptp(a) < 1e-12 or np.ptp(b) < 1e-12:
         return 0.0
     return float(spearmanr(a, b).statistic)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from simcore.errors import InputError
 if TYPE_CHECKING:
     from trainer.config import TrainConfig
     from trainer.model import TrainedModel
+    from trainer.train import Progress
 
 
 def register(app: typer.Typer) -> None:
@@ -36,6 +38,9 @@ def train(
     workers: int = typer.Option(0, "--workers", help="Processes that read the store; 0 = this one."),
     ranks: int = typer.Option(0, "--ranks", help="Train as a job on Ray, on so many workers; 0 = in this process."),
     address: str | None = typer.Option(None, "--address", help="Ray cluster for --ranks; default: a local one."),
+    tensorboard: Path | None = typer.Option(
+        None, "--tensorboard", help="Folder for TensorBoard events; default: none."
+    ),
     json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
     """Train the estimator, calibrate its intervals and test it on fabrics held out of training.
@@ -59,7 +64,8 @@ def train(
     config = preset_config(preset).with_values(asked, {"input_size": input_size, "trunk_width": trunk_width})
     check_out(out)
     started = time.monotonic()
-    model = train_here(store, config) if ranks == 0 else train_on_ray(store, config, ranks, address)
+    with console.progress("training") as bar:
+        model = run(store, config, ranks, address, show_on(bar), tensorboard)
     version = model.save(out)
     report(model, out, version, time.monotonic() - started, json_output)
 
@@ -77,37 +83,40 @@ def check_out(out: Path) -> None:
         raise InputError(f"{out}: its folder does not exist; make it first", code="folder_missing")
 
 
-def train_here(store: str, config: TrainConfig) -> TrainedModel:
-    """Train in this process, with a progress bar."""
+def show_on(bar: console.ProgressBar) -> Callable[[Progress], None]:
+    """What moves the progress bar."""
+
+    def show(progress: Progress) -> None:
+        text = f"training, squared error {progress.loss:.3f}"
+        bar.update(completed=progress.step, total=progress.steps, description=text)
+
+    return show
+
+
+def run(
+    store: str,
+    config: TrainConfig,
+    ranks: int,
+    address: str | None,
+    show: Callable[[Progress], None],
+    tensorboard: Path | None,
+) -> TrainedModel:
+    """Train here or on Ray, tracked by TensorBoard if a folder is given."""
+    from services.training.job import train_on_ray
     from trainer.store_source import StoreSource
-    from trainer.train import train as run
+    from trainer.tracking import TensorBoardLog
+    from trainer.train import train as train_here
 
-    source = StoreSource(store, config.inclinations)
-    with console.progress("training") as bar:
-        return run(
-            source,
-            config,
-            provenance=source.provenance(),
-            report=lambda p: bar.update(
-                completed=p.step, total=p.steps, description=f"training, squared error {p.loss:.3f}"
-            ),
-        )
-
-
-def train_on_ray(store: str, config: TrainConfig, ranks: int, address: str | None) -> TrainedModel:
-    """Train as a Ray job, with a progress bar."""
-    from services.training.job import train_on_ray as run
-
-    with console.progress("training on Ray") as bar:
-        return run(
-            store,
-            config,
-            ranks=ranks,
-            address=address,
-            report=lambda p: bar.update(
-                completed=p.step, total=p.steps, description=f"training, squared error {p.loss:.3f}"
-            ),
-        )
+    log = TensorBoardLog(tensorboard, show) if tensorboard is not None else None
+    report_step = log.report if log is not None else show
+    if ranks:
+        model = train_on_ray(store, config, ranks=ranks, address=address, report=report_step)
+    else:
+        source = StoreSource(store, config.inclinations)
+        model = train_here(source, config, provenance=source.provenance(), report=report_step)
+    if log is not None:
+        log.finish(model.metrics, config.epochs)
+    return model
 
 
 def report(model: TrainedModel, out: Path, version: str, seconds: float, json_output: bool) -> None:

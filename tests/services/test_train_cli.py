@@ -113,7 +113,7 @@ def test_train_prints_one_document(store: Path, tmp_path: Path, capsys: pytest.C
     document = run_json(capsys, "train", "--store", str(store), "--out", str(tmp_path / "m"), *QUICK)
     assert set(document) == {"model", "model_version", "seconds", "config", "metrics"}
     assert document["config"]["network"]["trunk_width"] == 0.125 and document["config"]["epochs"] == 1
-    assert document["metrics"]["materials"] == {"train": 13, "calibration": 2, "test": 1}
+    assert document["metrics"]["materials"] == {"train": 12, "calibration": 3, "test": 1}
     meta = json.loads((tmp_path / "m" / "model.json").read_text())
     assert meta["model_version"] == document["model_version"]
     assert meta["provenance"]["data"]["configuration"] == {"made": "by hand"}
@@ -188,3 +188,20 @@ def test_two_ranks_on_ray_train_one_model(store: Path, tmp_path: Path, capsys: p
     assert document["metrics"]["materials"]["test"] == 1
     code, said = failure(capsys, "train", "--store", str(store), "--out", out, *QUICK, "--ranks", "5")
     assert code == 2 and "5 loaders but only 4 shards" in said
+
+
+def test_scores_on_captures_of_known_fabrics(model: Path, tmp_path: Path) -> None:
+    from trainer.evaluate_captures import evaluate_captures, known_fabrics, markdown
+    from trainer.predict import Estimator
+
+    folder = make_capture_set(tmp_path / "set", {"f1": 0.2, "f2": 0.3, "f3": None})
+    document = json.loads((folder / "captures.json").read_text())
+    for fabric in document["fabrics"]:
+        fabric["parameters"] = dict.fromkeys(ESTIMATED_NAMES[:3], 300.0) | dict.fromkeys(ESTIMATED_NAMES[3:], 1e-5)
+    (folder / "captures.json").write_text(json.dumps(document))
+    fabrics = known_fabrics([folder])
+    assert [f.name for f in fabrics] == ["set/f1", "set/f2"]  # the third has no density
+    scores = evaluate_captures(Estimator.load(model), fabrics)
+    assert list(scores) == ["hanging", "stretch", "hanging+stretch"]
+    assert all(score.mae_log > 0 for rows in scores.values() for score in rows.values())
+    assert len(markdown(scores).splitlines()) == 8

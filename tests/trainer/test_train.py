@@ -138,3 +138,15 @@ def test_two_ranks_with_one_gradient(tiny_config: TrainConfig) -> None:
     assert all(
         torch.equal(a, b) for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True)
     )
+
+
+def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path) -> None:
+    from trainer.tracking import TensorBoardLog
+
+    seen: list[Progress] = []
+    log = TensorBoardLog(tmp_path / "events", seen.append)
+    log.report(Progress(1, 2, 0.5))
+    log.finish(tiny_model.metrics, 1)
+    assert seen == [Progress(1, 2, 0.5)]
+    (events,) = (tmp_path / "events").iterdir()
+    assert b"train/squared_error" in events.read_bytes() and b"spearman/bending_bias/hanging" in events.read_bytes()

@@ -1,0 +1,132 @@
+"""How good a model is on captures of fabrics whose parameters are known, as in the paper's table of real samples.
+
+python -m trainer.evaluate_captures --model model/ captures-1/ captures-2/ --out scores.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.capture_set import CaptureSet
+from capture.normalise import NetworkInput
+from capture.prepare import prepare
+from simcore.errors import InputError
+from simcore.parameters import ESTIMATED_NAMES
+from simcore.scenes import Scene
+from trainer.evaluate import Score, rank_correlation
+from trainer.predict import Estimate, Estimator
+
+
+@dataclass(frozen=True)
+class KnownFabric:
+    """A fabric with captures and known mechanics.
+
+    Attributes:
+        name: capture set and fabric.
+        density: [kg/m²].
+        parameters: the six, SI, float64, shape [6].
+        inputs: its captures by scene.
+    """
+
+    name: str
+    density: float
+    parameters: NDArray[np.float64]
+    inputs: dict[Scene, list[NetworkInput]]
+
+
+def known_fabrics(folders: Iterable[str | Path]) -> list[KnownFabric]:
+    """Every fabric of some capture sets that states its parameters and density.
+
+    Raises:
+        InputError: a set that cannot be read, or no such fabric in any.
+    """
+    found = []
+    for folder in folders:
+        captures = CaptureSet.load(folder, read_pictures=False)
+        for fabric in captures.document.fabrics:
+            shown = captures.of_fabric(fabric.id)
+            if fabric.parameters is None or fabric.density is None or not shown:
+                continue
+            inputs: dict[Scene, list[NetworkInput]] = {}
+            for capture in shown:
+                inputs.setdefault(capture.scene, []).append(prepare(capture).network_input)
+            truth = np.array([getattr(fabric.parameters, name) for name in ESTIMATED_NAMES], dtype=np.float64)
+            found.append(KnownFabric(f"{captures.folder.name}/{fabric.id}", fabric.density, truth, inputs))
+    if not found:
+        raise InputError(
+            "no fabric of these capture sets states both parameters and density: nothing to compare with",
+            code="no_known_fabrics",
+        )
+    return found
+
+
+def evaluate_captures(estimator: Estimator, fabrics: list[KnownFabric]) -> dict[str, dict[str, Score]]:
+    """Scores by set of scenes and parameter, over the fabrics that show all scenes of the set.
+
+    ``mae_range`` is relative to the range of the fabrics themselves.
+    """
+    scores: dict[str, dict[str, Score]] = {}
+    for scenes in ((Scene.HANGING,), (Scene.STRETCH,), (Scene.HANGING, Scene.STRETCH)):
+        usable = [fabric for fabric in fabrics if all(scene in fabric.inputs for scene in scenes)]
+        if usable:
+            estimates = [estimator.estimate({s: f.inputs[s] for s in scenes}, f.density) for f in usable]
+            scores["+".join(scene.value for scene in scenes)] = _scores(usable, estimates)
+    return scores
+
+
+def _scores(fabrics: list[KnownFabric], estimates: list[Estimate]) -> dict[str, Score]:
+    truth = np.stack([fabric.parameters for fabric in fabrics])
+    result = {}
+    for k, name in enumerate(ESTIMATED_NAMES):
+        values = np.array([estimate.parameters[name] for estimate in estimates])
+        ends = np.array([estimate.intervals_90[name] for estimate in estimates])
+        span = max(float(np.ptp(truth[:, k])), 1e-12)
+        result[name] = Score(
+            mae_log=float(np.abs(np.log(values / truth[:, k])).mean()),
+            mae_range=float(np.abs(values - truth[:, k]).mean() / span),
+            spearman=rank_correlation(values, truth[:, k]),
+            coverage=float(((ends[:, 0] <= truth[:, k]) & (truth[:, k] <= ends[:, 1])).mean()),
+            interval_factor=float(np.median(ends[:, 1] / ends[:, 0])),
+        )
+    return result
+
+
+def markdown(scores: dict[str, dict[str, Score]]) -> str:
+    """A row a parameter; typical factor, Spearman and coverage for each set of scenes."""
+    lines = ["| parameter | " + " | ".join(f"{scenes}: factor | r | covered" for scenes in scores) + " |"]
+    lines.append("|---" * (1 + 3 * len(scores)) + "|")
+    for name in ESTIMATED_NAMES:
+        cells = [
+            f"{math.exp(s[name].mae_log):.2f} | {s[name].spearman:.2f} | {s[name].coverage:.2f}"
+            for s in scores.values()
+        ]
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Print the table; write the numbers if asked."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("captures", nargs="+", help="capture sets")
+    parser.add_argument("--model", help="model folder; default: the one that ships")
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    scores = evaluate_captures(Estimator.load(options.model), known_fabrics(options.captures))
+    sys.stdout.write(markdown(scores) + "\n")
+    if options.out is not None:
+        plain: dict[str, Any] = {key: {name: vars(s) for name, s in rows.items()} for key, rows in scores.items()}
+        options.out.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,40 @@
+"""TensorBoard, for those who ask for it; nothing is tracked otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from trainer.evaluate import Metrics
+from trainer.train import Progress
+
+
+class TensorBoardLog:
+    """Writes progress and final scores as TensorBoard events.
+
+    Args:
+        folder: of the event files.
+        then: also called with every progress.
+    """
+
+    def __init__(self, folder: str | Path, then: Callable[[Progress], None] | None = None) -> None:
+        from torch.utils import tensorboard
+
+        make_writer: Any = tensorboard.SummaryWriter  # torch does not annotate it
+        self._writer = make_writer(str(folder))
+        self._then = then
+
+    def report(self, progress: Progress) -> None:
+        """One step."""
+        self._writer.add_scalar("train/squared_error", progress.loss, progress.step)
+        if self._then is not None:
+            self._then(progress)
+
+    def finish(self, metrics: Metrics, step: int) -> None:
+        """The scores on the test materials; the last word."""
+        for predictor, rows in metrics.scores.items():
+            for name, score in rows.items():
+                self._writer.add_scalar(f"mae_log/{name}/{predictor}", score.mae_log, step)
+                self._writer.add_scalar(f"spearman/{name}/{predictor}", score.spearman, step)
+        self._writer.close()
