@@ -40,10 +40,12 @@ def import_torchvision() -> ModuleType:
         raise MissingResourceError(
             "torch and torchvision are needed: install requirements.txt", code="torchvision_missing"
         )
-    import torch
+    # torch's own library interface carries no types
+    from torch import library as untyped
 
+    make_library: Any = untyped.Library
     if not _extension_loads(Path(spec.origin).parent):
-        library = torch.library.Library("torchvision", "DEF")
+        library = make_library("torchvision", "DEF")
         for schema in _SCHEMAS:
             library.define(schema)
         _kept.append(library)
@@ -55,11 +57,12 @@ def import_torchvision() -> ModuleType:
 
 
 def _extension_loads(folder: Path) -> bool:
-    import torch
+    from torch import ops
 
+    load_library: Any = ops.load_library
     for path in sorted(folder.glob("_C*.so")) + sorted(folder.glob("_C*.pyd")):
         try:
-            torch.ops.load_library(str(path))
+            load_library(str(path))
         except (ImportError, OSError):
             continue
         return True
