@@ -45,3 +45,18 @@ class PlateRigidity:
         """Rigidity of a cylinder whose curvature runs at this angle [rad] from warp [N·m]."""
         c2, s2 = math.cos(angle_from_warp) ** 2, math.sin(angle_from_warp) ** 2
         return self.warp * c2 * c2 + self.weft * s2 * s2 + (2.0 * self.coupling + 4.0 * self.twist) * s2 * c2
+
+    def turned(self, angle: float) -> PlateRigidity:
+        """The same plate with its material axes turned by ``angle`` [rad] against the sample.
+
+        The terms that then couple bending with twist (D16, D26; nil for an isotropic fabric) are left out: the 13-point
+        stencil cannot hold them. Rigidities along the sample's axes and the mean of the two diagonals are exact.
+        """
+        if angle == 0.0:
+            return self
+        c2, s2 = math.cos(angle) ** 2, math.sin(angle) ** 2
+        cross = self.coupling + 2.0 * self.twist
+        weft = self.weft * c2 * c2 + self.warp * s2 * s2 + 2.0 * cross * s2 * c2
+        warp = self.weft * s2 * s2 + self.warp * c2 * c2 + 2.0 * cross * s2 * c2
+        shared = (self.weft + self.warp - 2.0 * cross) * s2 * c2
+        return PlateRigidity(weft, warp, self.coupling + shared, self.twist + shared, self.bias_raised)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore import kernels
+from simcore import curl_kernels, kernels
 from simcore.bending import PlateRigidity
 from simcore.contact import PanelContact
 from simcore.grid import BendingForms, Grid
@@ -35,12 +35,33 @@ class Load:
 
     @classmethod
     def of(cls, grid: Grid, fabric: FabricParameters, mechanics: Mechanics) -> Load:
-        """Gravity and a uniform draft, lumped to vertices by area."""
+        """Gravity, hem and a uniform draft, lumped to vertices."""
         mass = fabric.density * grid.areas
+        hem = grid.areas[-1] / (0.5 * grid.hv)  # length of the bottom edge that each of its vertices stands for
+        mass[-1] += mechanics.hem_kg_m * hem
         force = mass[..., None] * np.asarray(mechanics.gravity)
         force[..., 2] += mechanics.air_pressure_pa * grid.areas
         gravity = math.sqrt(sum(g * g for g in mechanics.gravity))
         return cls(mass, force, fabric.density * grid.hu * grid.hv * gravity)
+
+
+def rest_moments(grid: Grid, plate: PlateRigidity, mechanics: Mechanics) -> Array | None:
+    """Area times the moment of the rest curvature over h², along u and v, shape [rows, columns, 2] [N]; None for none.
+
+    A second difference that would leave the grid has none.
+    """
+    if not mechanics.rest_curvature:
+        return None
+    v, u = np.meshgrid(np.arange(grid.rows) * grid.hv, np.arange(grid.columns) * grid.hu, indexing="ij")
+    size = ((grid.columns - 1) * grid.hu, (grid.rows - 1) * grid.hv)
+    fields = [field.evaluate(u, v, size) for field in mechanics.rest_curvature]
+    weft, warp = sum(f[0] for f in fields), sum(f[1] for f in fields)
+    moments = np.zeros((grid.rows, grid.columns, 2))
+    moments[..., 0] = grid.areas * (plate.weft * weft + plate.coupling * warp) / grid.hu**2
+    moments[..., 1] = grid.areas * (plate.warp * warp + plate.coupling * weft) / grid.hv**2
+    moments[:, [0, -1], 0] = 0.0
+    moments[[0, -1], :, 1] = 0.0
+    return moments
 
 
 class Level:
@@ -66,8 +87,8 @@ class Level:
 
     def set_up(self, fabric: FabricParameters, mechanics: Mechanics, contact: PanelContact, fixed: NDArray[np.int32]) -> None:
         """Choose what is solved next: fabric, mechanics, contact and the held vertices (int32, 1 = held)."""
-        plate = PlateRigidity.of(fabric)
         angle = mechanics.off_grain_rad
+        plate = PlateRigidity.of(fabric).turned(angle)
         stiffening = 0.0 if mechanics.stiffening_strain is None else mechanics.stiffening_strain**-2
         self.membrane = np.array(
             [fabric.stretch_weft, fabric.stretch_warp, fabric.stretch_bias, math.cos(angle), math.sin(angle), stiffening,
@@ -75,6 +96,7 @@ class Level:
         )  # fmt: skip
         self.bending = self.forms.stencil(plate.weft, plate.warp, plate.coupling, plate.twist)
         self.loads = Load.of(self.grid, fabric, mechanics)
+        self.moments = rest_moments(self.grid, plate, mechanics)
         self.contact = contact
         self.fixed = fixed
         self.extra_force[:] = 0.0
@@ -86,7 +108,8 @@ class Level:
             return math.inf
         elastic = kernels.membrane_energy(x, self.membrane, self._vertex_energy)
         bending = kernels.form_energy(x, self.bending, self._vertex_energy)
-        return float(elastic + bending + contact - np.vdot(self.loads.force + self.extra_force, x))
+        curl = 0.0 if self.moments is None else curl_kernels.curl_energy(x, self.moments)
+        return float(elastic + bending + curl + contact - np.vdot(self.loads.force + self.extra_force, x))
 
     def gradient(self, x: Array) -> Array:
         """Derivative of the energy [N], zero where held."""
@@ -94,6 +117,8 @@ class Level:
         kernels.membrane_cell_forces(x, self.membrane, self._cell_forces)
         force = self.loads.force + self.extra_force
         kernels.gather_gradient(x, self._cell_forces, self.bending, force, self.fixed, out)
+        if self.moments is not None:
+            curl_kernels.curl_gradient(x, self.moments, self.fixed, out)
         self.contact.add_gradient(x, self.fixed, out)
         return out
 
@@ -114,12 +139,16 @@ class Level:
             The number of its negative eigenvalues.
         """
         kernels.membrane_cell_hessians(x, self.membrane, self.stress, blend, self._cell_hessians)
-        vertex = self.contact.hessian(x, self.fixed)
+        vertex = self.contact.hessian(x, self.fixed, blend)
         vertex[..., :3] += shift[..., None] if isinstance(shift, np.ndarray) else shift
         stiffness = float(self.membrane[:3].max())
         kernels.assemble(
             self._cell_hessians, self.bending, vertex, self.fixed, self._slot, self._indptr, stiffness, self._values
         )
+        if self.moments is not None and blend > 0.0:
+            curl_kernels.curl_hessian(
+                x, self.moments, blend, self.fixed, self._slot, self._indptr, self._values
+            )
         return self.factorisation.factor(self._values)
 
     def solve(self, right: Array) -> Array:

@@ -1,14 +1,113 @@
 """Optional physics and set-up changes that the effects of the catalogue switch on.
 
-Everything is absent by default and then costs nothing. An effect (``diagnosis/effects``) is a function that returns a
-changed copy of :class:`Mechanics` and :class:`~simcore.scenes.Setup`; the solver knows no effect by name.
+Everything is absent by default and then costs nothing. An effect (``diagnosis/effects``) returns a changed copy of
+:class:`Mechanics` and :class:`~simcore.scenes.Setup`; the solver knows no effect by name.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.errors import InputError
 from simcore.scenes import GRAVITY_M_S2, Vector3
+
+Array = NDArray[np.float64]
+
+
+class CurvatureField(Protocol):
+    """A curvature the sample has when nothing acts on it."""
+
+    def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
+        """Rest curvature along weft and along warp [1/m] at material coordinates ``u``, ``v`` [m] (same shapes).
+
+        Positive bends the sample's ends towards the camera.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class UniformCurvature:
+    """The same everywhere, as of cloth that was stored on a roll [1/m]."""
+
+    weft: float = 0.0
+    warp: float = 0.0
+
+    def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
+        """See :class:`CurvatureField`."""
+        return np.full(u.shape, self.weft), np.full(u.shape, self.warp)
+
+
+@dataclass(frozen=True)
+class EdgeCurl:
+    """Curl across the free edges, as of a single jersey: ``curvature`` [1/m] at the edge, gone ``width_m`` inside it.
+
+    ``edges`` names which of ``left``, ``right``, ``top``, ``bottom`` curl.
+    """
+
+    curvature: float
+    width_m: float = 0.035
+    edges: tuple[str, ...] = ("left", "right", "top", "bottom")
+
+    def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
+        """See :class:`CurvatureField`."""
+
+        def bump(distance: Array) -> Array:
+            return np.asarray(self.curvature * np.clip(1.0 - distance / self.width_m, 0.0, 1.0))
+
+        zero = np.zeros(u.shape)
+        weft = (bump(u) if "left" in self.edges else zero) + (bump(size_m[0] - u) if "right" in self.edges else zero)
+        warp = (bump(v) if "top" in self.edges else zero) + (bump(size_m[1] - v) if "bottom" in self.edges else zero)
+        return weft, warp
+
+
+@dataclass(frozen=True)
+class Crease:
+    """A pressed fold line: it wants to be bent by ``angle_rad`` across a line at ``position`` (0 to 1) of the sample.
+
+    ``along`` is ``warp`` (the line runs down the sample) or ``weft`` (across it); the angle is spread over ``width_m``.
+    """
+
+    angle_rad: float
+    along: str = "warp"
+    position: float = 0.5
+    width_m: float = 0.02
+
+    def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
+        """See :class:`CurvatureField`."""
+        across = u - self.position * size_m[0] if self.along == "warp" else v - self.position * size_m[1]
+        # raised cosine of unit integral over twice the width
+        shape = np.where(np.abs(across) < self.width_m, 0.5 * (1.0 + np.cos(np.pi * across / self.width_m)), 0.0)
+        bump = np.asarray(self.angle_rad * shape / self.width_m)
+        return (bump, np.zeros(u.shape)) if self.along == "warp" else (np.zeros(u.shape), bump)
+
+
+@dataclass(frozen=True)
+class FrozenCurvature:
+    """Curvature left by earlier handling: smooth random, root mean square ``amplitude`` [1/m], drawn from ``seed``."""
+
+    amplitude: float
+    seed: int = 0
+    wavelength_m: float = 0.12
+
+    def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
+        """See :class:`CurvatureField`."""
+        rng = np.random.default_rng(self.seed)
+        waves = 24
+
+        def field() -> Array:
+            heading = rng.uniform(0.0, 2.0 * math.pi, waves)
+            number = 2.0 * math.pi / (self.wavelength_m * rng.uniform(0.7, 1.5, waves))
+            phase = rng.uniform(0.0, 2.0 * math.pi, waves)
+            ku, kv = number * np.cos(heading), number * np.sin(heading)
+            total = np.cos(u[..., None] * ku + v[..., None] * kv + phase).sum(axis=-1)
+            return np.asarray(self.amplitude * total * math.sqrt(2.0 / waves))
+
+        return field(), field()
 
 
 @dataclass(frozen=True)
@@ -21,12 +120,33 @@ class Mechanics:
             cloth to the panel.
         off_grain_rad: angle by which the material's weft is turned from the sample's u towards v [rad].
         stiffening_strain: tensile Green-Lagrange strain at which the warp and weft moduli have doubled; None: never.
+        rest_curvature: fields that add up.
+        hem_kg_m: extra mass along the bottom edge [kg/m].
+        adhesion_pa: largest pull of the panel on cloth near it [Pa], and within which distance [m].
+        friction: coefficient of friction between cloth and panel.
+
+    Raises:
+        InputError: a value is not finite or has no physical meaning.
     """
 
     gravity: Vector3 = (0.0, -GRAVITY_M_S2, 0.0)
     air_pressure_pa: float = 0.0
     off_grain_rad: float = 0.0
     stiffening_strain: float | None = None
+    rest_curvature: tuple[CurvatureField, ...] = ()
+    hem_kg_m: float = 0.0
+    adhesion_pa: float = 0.0
+    adhesion_range_m: float = 3e-3
+    friction: float = 0.0
+
+    def __post_init__(self) -> None:
+        numbers = (*self.gravity, self.air_pressure_pa, self.off_grain_rad, self.hem_kg_m, self.adhesion_pa, self.friction)
+        if not all(math.isfinite(n) for n in numbers) or not any(self.gravity):
+            raise InputError("mechanics need finite numbers and some gravity", code="mechanics")
+        if self.stiffening_strain is not None and not self.stiffening_strain > 0.0:
+            raise InputError("stiffening strain must be positive", code="mechanics")
+        if min(self.hem_kg_m, self.adhesion_pa, self.friction) < 0.0 or not self.adhesion_range_m > 0.0:
+            raise InputError("hem mass, adhesion and friction cannot be negative", code="mechanics")
 
 
 @dataclass(frozen=True)
@@ -34,8 +154,9 @@ class Jitter:
     """Scales of what differs between repeats of the same capture.
 
     Attributes:
-        force_weights: standard deviation of the random initial forces, in vertex weights.
-        pin_m: standard deviation of each magnet's position along x and y [m].
+        force_weights: root mean square of the smooth random initial forces, in vertex weights; they die out while the
+            sample swings to rest.
+        pin_m: standard deviation of each magnet's position along x and y [m], cut at 2.5 deviations.
         placement_m: amplitude of the random smooth shape the sample is put up from, out of plane [m].
     """
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from simcore.mechanics import Jitter, Mechanics
 from simcore.mesh import GridMesh
 from simcore.newton import Newton, NewtonOptions, Rest
 from simcore.parameters import FabricParameters
-from simcore.scenes import Setup
+from simcore.scenes import GRAVITY_M_S2, Setup
 
 Array = NDArray[np.float64]
 COARSEST_CELL_M = 0.02
@@ -113,24 +114,31 @@ class Solver:
         self, level: object, x: Array | None, fabric: FabricParameters, setup: Setup, mechanics: Mechanics, perturbation: object
     ) -> tuple[Array, int]:
         """Set a level up for the fabric and give it positions to start from."""
-        from simcore.contact import PanelContact
+        from simcore.contact import REACH_M, PanelContact
         from simcore.level import Level
         from simcore.placement import Perturbation, Pins, put_up
 
         assert isinstance(level, Level) and isinstance(perturbation, Perturbation)
         grid = level.grid
         pins = Pins.of(grid, setup, perturbation.pin_moves)
-        contact = PanelContact.of(grid.areas, fabric.density * 9.81, setup.panel)
+        contact = PanelContact.of(
+            grid.areas, fabric.density * GRAVITY_M_S2, setup.panel, mechanics.adhesion_pa, mechanics.adhesion_range_m
+        )
         level.set_up(fabric, mechanics, contact, pins.fixed)
+        steps = 0
         if x is None:
-            return put_up(level, pins, perturbation)
-        if x.shape != grid.shape:
+            x, steps = put_up(level, pins, perturbation)
+        elif x.shape != grid.shape:
             x = prolong(x, grid)
         pins.hold(x, 1.0)
         if setup.panel:
             free = pins.fixed == 0
-            x[..., 2][free] = np.maximum(x[..., 2][free], 0.2 * contact.reach_m)
-        return x, 0
+            x[..., 2][free] = np.maximum(x[..., 2][free], 0.2 * REACH_M)
+        if mechanics.friction > 0.0 and setup.panel:
+            # what presses now holds where it is now: friction remembers how the sample was put up
+            force = mechanics.friction * contact.normal_force(x, pins.fixed)
+            level.contact = replace(contact, friction_force=force, anchor=x[..., :2].copy())
+        return x, steps
 
     def _drape(self, rest: Rest, energy: float, iterations: int, seconds: float, deadline: float) -> Drape:
         vertices = rest.x.reshape(-1, 3)
