@@ -12,6 +12,7 @@ MEANINGS: dict[int, str] = {
     403: "The API key lacks a scope",
     404: "No such thing",
     409: "In conflict with what is there",
+    412: "Changed meanwhile",
     413: "Request too large",
     422: "Bad input; `code` says which",
     429: "Too many jobs are waiting",

@@ -18,6 +18,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from services.api.auth import Caller
+from services.api.patterns import PRINTABLE
 from services.api.problems import ProblemError
 from services.db.engine import Database
 from services.db.idempotency import IdempotencyRecord
@@ -28,7 +29,7 @@ IdempotencyKey = Annotated[
         alias="Idempotency-Key",
         min_length=1,
         max_length=200,
-        pattern=r"^[\x21-\x7e]+$",
+        pattern=PRINTABLE,
         description="Any text unique to this request, such as a UUID. The same key with the same content gives the "
         "first answer again, with other content 422 `idempotency_key_reused`. Remembered for a day.",
         examples=["5f0c2f1e-6a55-4b6e-9d0e-0d6f4f7c1f11"],

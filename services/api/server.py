@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import socket
 from types import FrameType
 
 import structlog
@@ -13,6 +14,7 @@ from services.api.keys import any_key
 from services.db.engine import Database
 from services.jobs.processes import WorkerProcesses
 from services.settings import Settings
+from simcore.errors import InputError
 
 SHUTDOWN_S = 10
 log = structlog.get_logger("drapemeter.serve")
@@ -22,10 +24,9 @@ def run_server(settings: Settings) -> None:
     """Serve until SIGTERM or Ctrl-C; requests under way are finished, jobs are given back."""
     _say_who_may_come(settings)
     workers = WorkerProcesses(settings)
+    listener = open_listener(settings.host, settings.port)
     config = uvicorn.Config(
         create_app(settings),
-        host=settings.host,
-        port=settings.port,
         log_config=None,
         access_log=False,
         server_header=False,
@@ -41,10 +42,34 @@ def run_server(settings: Settings) -> None:
     signal.signal(signal.SIGTERM, leave)
     signal.signal(signal.SIGINT, leave)
     workers.start()
+    log.info("listening", url=url_of(listener))
     try:
-        server.run()
+        server.run(sockets=[listener])
     finally:
+        listener.close()
         workers.close()
+
+
+def open_listener(host: str, port: int) -> socket.socket:
+    """A bound socket, before anything else is started.
+
+    Raises:
+        InputError: the address is not this machine's, or the port is taken or not allowed.
+    """
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        return socket.create_server(address[:2], family=family)
+    except OSError as error:
+        raise InputError(
+            f"cannot listen at {host} port {port} ({error.strerror or error}): choose others with --host and --port",
+            code="cannot_listen",
+        ) from None
+
+
+def url_of(listener: socket.socket) -> str:
+    """Where to reach it."""
+    host, port = listener.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
 def _say_who_may_come(settings: Settings) -> None:

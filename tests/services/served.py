@@ -68,7 +68,7 @@ class Served:
     @property
     def url(self) -> str:
         """Where it listens."""
-        return str(self.log("Uvicorn running on")["event"]).split()[3]
+        return str(self.log("listening")["url"])
 
     def client(self, **options: Any) -> httpx.Client:
         """A client of it."""

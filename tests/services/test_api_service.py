@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import httpx
 import pytest
 
-from tests.services.served import QUICK, SOFT, STIFF, Served, finished
+from tests.services.served import QUICK, SOFT, STIFF, Served, drapemeter, finished
 
 
 def test_health_and_readiness_need_no_key(client: httpx.Client) -> None:
@@ -21,7 +23,7 @@ def test_a_distance_job_is_polled_to_its_end(client: httpx.Client) -> None:
     assert answer.status_code == 202
     assert int(answer.headers["retry-after"]) >= 1
     job = finished(client, answer.headers["location"])
-    assert job["status"] == "succeeded", job
+    assert job["problem"] is None
     result = job["result"]
     assert result["distance"] > 0.001
     assert set(result["scenes"]) == {"hanging", "stretch"}
@@ -76,3 +78,11 @@ def test_each_answer_carries_a_request_id_that_the_log_has(client: httpx.Client,
 def test_an_open_server_refuses_foreign_web_pages(client: httpx.Client, headers: dict[str, str]) -> None:
     answer = client.get("/v1/fabrics", headers=headers)
     assert (answer.status_code, answer.json()["code"]) == (403, "origin_refused")
+
+
+def test_a_taken_port_is_told_in_one_line(served: Served, tmp_path: Path) -> None:
+    port = served.url.rsplit(":", 1)[1]
+    refused = drapemeter(tmp_path, "serve", "--port", port)
+    assert refused.returncode == 2
+    assert f"cannot listen at 127.0.0.1 port {port}" in refused.stderr
+    assert refused.stderr.strip().splitlines()[-1].startswith("error:")

@@ -86,7 +86,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, 
     """A server in production mode, which needs keys even on loopback."""
     folder = tmp_path_factory.mktemp("guarded")
     with serving(folder, "--workers", "0", DRAPEMETER_ENVIRONMENT="production") as running:
-        running.log("Uvicorn running on")
+        running.log("Application startup complete")
         yield running, folder
 
 

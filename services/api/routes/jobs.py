@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session, undefer
 
 from services.api.auth import Caller, get_caller
 from services.api.documented import problems
+from services.api.patterns import PRINTABLE
 from services.api.problems import ProblemError
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
@@ -21,7 +22,7 @@ from services.jobs.queue import request_cancel
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 State = Annotated[ServiceState, Depends(get_state)]
 Asking = Annotated[Caller, Depends(get_caller)]
-JobId = Annotated[str, Path(max_length=48, examples=["job_0f3a5c7e9b1d2f4a6c8e0a1b3c5d7e9f"])]
+JobId = Annotated[str, Path(max_length=48, pattern=PRINTABLE, examples=["job_0f3a5c7e9b1d2f4a6c8e0a1b3c5d7e9f"])]
 
 
 @router.get("/{job_id}", response_model=JobView, responses=problems(404), summary="A job")
@@ -59,7 +60,9 @@ def cancel_job(job_id: JobId, state: State, caller: Asking) -> JSONResponse:
     },
     summary="A file that a job left",
 )
-def get_job_file(job_id: JobId, name: Annotated[str, Path(max_length=120)], state: State, caller: Asking) -> Response:
+def get_job_file(
+    job_id: JobId, name: Annotated[str, Path(max_length=120, pattern=PRINTABLE)], state: State, caller: Asking
+) -> Response:
     """Such as `report.html` of a diagnosis."""
     with state.database.read() as session:
         job = _find(session, job_id, caller, ApiScope.JOBS_READ)

@@ -25,7 +25,9 @@ class FabricSearchInputs(SimulationInputs):
     )
 
     reference: Parameters | None = Field(default=None, description="Parameters to look for.")
-    fabric_id: str | None = Field(default=None, max_length=48, description="Or a fabric of the library.")
+    fabric_id: str | None = Field(
+        default=None, max_length=48, pattern=r"^[\x21-\x7e]+$", description="Or a fabric of the library."
+    )
     limit: int = Field(default=10, ge=1, le=200, description="How many to return.")
 
     def check(self) -> None:
