@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from renderer.depth_png import dequantise_depth
 from renderer.store_format import (
+    DEPTH_UNIT_M,
     SCENE_NAMES,
     RowStatus,
     StoreLayout,
     array_specs,
-    dequantise_depth,
     object_key,
-    quantise_depth,
 )
 from renderer.store_location import open_location, read_attributes, store_errors, store_exists
 from renderer.store_writer import ShardRows, StoreWriter
@@ -29,8 +29,6 @@ __all__ = [
     "Store",
     "StoreLayout",
     "StoreWriter",
-    "dequantise_depth",
-    "quantise_depth",
     "store_exists",
 ]
 
@@ -146,7 +144,7 @@ class Store:
         if not 0 <= sample < len(self):
             raise IndexError(f"sample {sample} is not one of {len(self)}")
         with store_errors(self.url):
-            return dequantise_depth(np.asarray(self.array("depth")[sample]))
+            return dequantise_depth(self.array("depth")[sample], DEPTH_UNIT_M)
 
     def depth_counts(self, shard: int) -> NDArray[np.uint16]:
         """All depth pictures of a shard, 0.1 mm counts, uint16, shape [rows, height, width]."""

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from simcore.errors import StoreError
@@ -196,18 +194,3 @@ def combine_digests(digests: Sequence[tuple[str, bytes]]) -> bytes:
     for key, digest in sorted(digests):
         total.update(key.encode() + b"\0" + digest)
     return total.digest()
-
-
-def quantise_depth(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """Metres to stored counts of 0.1 mm; no data (0), negative, non-finite and beyond 6.5535 m become 0.
-
-    The inverse is :func:`dequantise_depth`; the round trip errs by at most half a count.
-    """
-    counts = np.rint(np.asarray(depth_m, dtype=np.float64) / DEPTH_UNIT_M)
-    usable = np.isfinite(counts) & (counts > 0) & (counts <= np.iinfo(np.uint16).max)
-    return np.where(usable, counts, 0).astype(np.uint16)
-
-
-def dequantise_depth(counts: NDArray[np.uint16]) -> NDArray[np.float32]:
-    """Stored counts to metres, float32, 0 = no data."""
-    return counts.astype(np.float32) * np.float32(DEPTH_UNIT_M)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from renderer.sensor import named_sensor
 from renderer.store import StoreLayout
 from simcore.errors import InputError
 from simcore.mesh import GridMesh
@@ -20,6 +21,9 @@ from simcore.sampling import DesignKind
 from simcore.scenes import Scene
 
 MAX_INCLINATION_DEG = 5.0
+IDEAL = "ideal"
+"""The sensor that changes nothing."""
+
 FULL_SHARD = 32
 """Simulations of a shard in large sweeps: with 11 pictures each about 10 MB and a minute or two of work."""
 
@@ -39,7 +43,7 @@ class SweepConfiguration(BaseModel):
         fabrics_digest: SHA-256 of a listed or gridded design's fabrics, empty for drawn ones.
         simulations_per_shard: work of one task.
         time_limit_s: CPU seconds after which a simulation is given up.
-        sensor: name of the sensor model that the depth goes through, empty for exact depth.
+        sensor: name of the sensor model that the depth goes through (:data:`renderer.sensor.SENSORS`).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -55,7 +59,7 @@ class SweepConfiguration(BaseModel):
     fabrics_digest: str = ""
     simulations_per_shard: int = Field(default=0, ge=0)
     time_limit_s: float = Field(default=120.0, gt=0)
-    sensor: str = ""
+    sensor: str = IDEAL
 
     @field_validator("scenes")
     @classmethod
@@ -63,6 +67,12 @@ class SweepConfiguration(BaseModel):
         if not names or len(set(names)) != len(names):
             raise InputError("give each scene once, at least one of hanging and stretch", code="scenes")
         return tuple(Scene.parse(name).value for name in names)
+
+    @field_validator("sensor")
+    @classmethod
+    def _known_sensor(cls, name: str) -> str:
+        named_sensor(name)
+        return name
 
     @field_validator("ranges")
     @classmethod

@@ -9,14 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
-from renderer.store import RowStatus, ShardRows, quantise_depth
-from renderer.store_format import SCENE_CODES
-from services.dataset.configuration import SweepConfiguration, simulation_seed
+from renderer.depth_png import quantise_depth
+from renderer.sensor import named_sensor
+from renderer.store import RowStatus, ShardRows
+from renderer.store_format import DEPTH_UNIT_M, SCENE_CODES
+from services.dataset.configuration import IDEAL, SweepConfiguration, simulation_seed
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import DrapemeterError
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
 from simcore.solver import Solver
+
+SENSOR_STREAM = 1
+"""Key of the sensor's random numbers among those of a simulation; the drape draws from the seed itself."""
 
 _STATUS = {
     DrapeStatus.STILL: RowStatus.OK,
@@ -97,12 +102,13 @@ def simulate_and_render(
         return Outcome(status, drape.reason or drape.status.value, drape, nothing)
     try:
         depth = render_pictures(drape, configuration)
+        fault = picture_fault(depth)
+        depth = apply_sensor(depth, seed, configuration)
     except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
         return Outcome(RowStatus.BAD_RENDER, f"{type(error).__name__}: {error}", drape, nothing)
-    fault = picture_fault(depth)
     if fault:
         return Outcome(RowStatus.BAD_RENDER, fault, drape, nothing)
-    return Outcome(RowStatus.OK, "", drape, quantise_depth(depth))
+    return Outcome(RowStatus.OK, "", drape, quantise_depth(depth, DEPTH_UNIT_M))
 
 
 def render_pictures(drape: Drape, configuration: SweepConfiguration) -> NDArray[np.float32]:
@@ -111,6 +117,20 @@ def render_pictures(drape: Drape, configuration: SweepConfiguration) -> NDArray[
 
     return render_depths(
         drape.vertices, drape.mesh.triangles, CANONICAL_CAMERA, frontal_pose(), configuration.inclinations_deg
+    )
+
+
+def apply_sensor(depth: NDArray[np.float32], seed: int, configuration: SweepConfiguration) -> NDArray[np.float32]:
+    """Depth as the sweep's sensor gives it [m], same shape; each picture has a random stream of its own."""
+    if configuration.sensor == IDEAL:
+        return depth
+    sensor = named_sensor(configuration.sensor)
+    streams = np.random.SeedSequence(seed, spawn_key=(SENSOR_STREAM,)).spawn(len(depth))
+    return np.stack(
+        [
+            sensor.apply(picture, np.random.default_rng(stream), camera=CANONICAL_CAMERA)
+            for picture, stream in zip(depth, streams, strict=True)
+        ]
     )
 
 

@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
-from hypothesis import given
-from hypothesis import strategies as st
 
-from renderer.store import RowStatus, ShardRows, Store, StoreLayout, StoreWriter, dequantise_depth, quantise_depth
+from renderer.store import RowStatus, ShardRows, Store, StoreLayout, StoreWriter
 from renderer.store_location import store_errors, store_exists
 from simcore.errors import InputError, StoreError
 
@@ -147,16 +145,6 @@ def test_a_store_travels_to_a_worker_by_its_url(tmp_path: Path) -> None:
     make(tmp_path / "s.zarr")
     there = pickle.loads(pickle.dumps(Store.open(tmp_path / "s.zarr")))
     assert np.array_equal(there.depth(3), Store.open(tmp_path / "s.zarr").depth(3))
-
-
-@given(st.floats(1e-4, 6.5))
-def test_depth_is_kept_to_half_a_tenth_of_a_millimetre(depth: float) -> None:
-    there_and_back = dequantise_depth(quantise_depth(np.array([depth], dtype=np.float32)))
-    assert abs(float(there_and_back[0]) - depth) < 0.51e-4
-
-
-def test_unusable_depth_is_no_data() -> None:
-    assert quantise_depth(np.array([np.nan, np.inf, -1.0, 0.0, 7.0], dtype=np.float32)).tolist() == [0] * 5
 
 
 def test_places_that_are_taken_or_empty_are_named(tmp_path: Path) -> None:

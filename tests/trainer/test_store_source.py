@@ -11,8 +11,10 @@ import torch
 
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import panel_depth
+from renderer.depth_png import quantise_depth
 from renderer.pose import inclination_pose
-from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter, quantise_depth
+from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
+from renderer.store_format import DEPTH_UNIT_M
 from simcore.errors import InputError
 from trainer.store_source import StoreSource
 
@@ -43,7 +45,9 @@ def _rows(shard: int) -> ShardRows:
     status = np.full(len(rows), RowStatus.OK, dtype=np.uint8)
     status[material == 2] = RowStatus.NOT_STILL
     return ShardRows(
-        depth=quantise_depth(np.stack([_depth(int(m), float(t)) for m, t in zip(material, tilts, strict=True)])),
+        depth=quantise_depth(
+            np.stack([_depth(int(m), float(t)) for m, t in zip(material, tilts, strict=True)]), DEPTH_UNIT_M
+        ),
         parameters=np.outer(1.0 + material, [500, 400, 100, 2e-5, 1e-5, 1.5e-5, 0.1]).astype(np.float32),
         scene=np.array([a[1] for a in addresses], dtype=np.uint8),
         status=status,
