@@ -76,12 +76,11 @@ class StoreSource:
     def read(self, rows: NDArray[np.int64]) -> Tensor:
         """Heights over the panel, int16 in 0.1 mm, shape [rows, 256, 256]; rows of one shard."""
         store = self.store
-        shard = int(rows[0]) // store.layout.rows_per_shard
-        span = store.rows(shard)
+        span = store.rows(int(rows[0]) // store.layout.rows_per_shard)
         if len(rows) < _SPARSE * len(span):
-            counts = np.stack([store.depth(int(row)) * np.float32(_COUNTS_PER_M) for row in rows])
+            counts = np.concatenate([store.array("depth")[int(row) : int(row) + 1] for row in rows])
         else:
-            counts = store.depth_counts(shard)[rows - span.start]
+            counts = store.depth_counts(int(rows[0]) // store.layout.rows_per_shard)[rows - span.start]
         heights = np.empty(counts.shape, dtype=np.int16)
         tilts = store.inclination_deg[rows]
         for tilt in np.unique(tilts):
