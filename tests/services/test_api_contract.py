@@ -16,6 +16,7 @@ CHECKS_NOT_MADE = "positive_data_acceptance"
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_documented_is_actual(tmp_path: Path) -> None:
     key = json.loads(drapemeter(tmp_path, "keys", "create", "--name", "contract", "--json").stdout)["token"]
     settings = {"DRAPEMETER_ENVIRONMENT": "production", "DRAPEMETER_MODEL": str(tmp_path / "none")}
@@ -26,6 +27,6 @@ def test_documented_is_actual(tmp_path: Path) -> None:
             *("--phases", "examples,coverage,fuzzing", "--max-examples", "3", "--seed", "7"),
             *("--generation-database", "none", "--suppress-health-check", "all"),
         ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=170, check=False, cwd=tmp_path)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=380, check=False, cwd=tmp_path)
     assert done.returncode == 0, done.stdout[-6000:] + done.stderr[-2000:]
     assert "16 selected" in done.stdout

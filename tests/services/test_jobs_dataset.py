@@ -13,6 +13,7 @@ SMALL = {"materials": 2, "jitters": 1, "inclinations": 1, "resolution_m": 0.05, 
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.ray
 def test_a_dataset_job_leaves_a_complete_store_where_the_server_keeps_them(tmp_path: Path) -> None:
     with serving(tmp_path) as running, running.client() as client:

@@ -44,6 +44,7 @@ def cluster() -> Iterator[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.ray
 def test_a_distance_computed_on_a_cluster_is_the_one_computed_here(cluster: str, tmp_path: Path) -> None:
     body = {"a": STIFF, "b": SOFT, **QUICK}

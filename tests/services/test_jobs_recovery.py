@@ -134,6 +134,7 @@ def started(client: httpx.Client) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 def test_a_real_job_survives_the_kill_of_its_worker_and_of_its_server(tmp_path: Path) -> None:
     with serving(tmp_path) as served, served.client() as client:
         location = started(client)
