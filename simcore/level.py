@@ -56,9 +56,12 @@ def rest_moments(grid: Grid, plate: PlateRigidity, mechanics: Mechanics) -> Arra
     size = ((grid.columns - 1) * grid.hu, (grid.rows - 1) * grid.hv)
     fields = [field.evaluate(u, v, size) for field in mechanics.rest_curvature]
     weft, warp = sum(f[0] for f in fields), sum(f[1] for f in fields)
+    # the plate couples its curvatures at inner vertices only: coupled at the border too, a free sheet would not be at rest
+    coupled = np.zeros((grid.rows, grid.columns))
+    coupled[1:-1, 1:-1] = plate.coupling * grid.hu * grid.hv
     moments = np.zeros((grid.rows, grid.columns, 2))
-    moments[..., 0] = grid.areas * (plate.weft * weft + plate.coupling * warp) / grid.hu**2
-    moments[..., 1] = grid.areas * (plate.warp * warp + plate.coupling * weft) / grid.hv**2
+    moments[..., 0] = (plate.weft * grid.areas * weft + coupled * warp) / grid.hu**2
+    moments[..., 1] = (plate.warp * grid.areas * warp + coupled * weft) / grid.hv**2
     moments[:, [0, -1], 0] = 0.0
     moments[[0, -1], :, 1] = 0.0
     return moments
