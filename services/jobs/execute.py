@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy.orm import Session
 
 from services.jobs.task import Report, Task, TaskOutput
+from simcore.errors import InputError
 
 KINDS: dict[str, str] = {
     "drape_distance": "services.jobs.kinds.drape_distance",
@@ -24,7 +25,11 @@ def execute(task: Task, *, report: Report) -> TaskOutput:
     Raises:
         DrapemeterError: it cannot be done as asked.
     """
-    output: TaskOutput = importlib.import_module(KINDS[task.kind]).run(task, report)
+    try:
+        output: TaskOutput = importlib.import_module(KINDS[task.kind]).run(task, report)
+    except InputError as error:
+        # Whoever sent the files knows their names, not our folders.
+        raise InputError(str(error).replace(f"{task.scratch}/", ""), code=error.code) from None
     return output
 
 

@@ -53,6 +53,13 @@ def problem(answer: httpx.Response) -> dict[str, Any]:
         ("POST", "/v1/datasets", {"json": {"materials": 0}}, 422, "validation_failed"),
         ("POST", "/v1/datasets", {"json": {"materials": 2, "scenes": ["hanging", "hanging"]}}, 422, "scenes"),
         ("POST", "/v1/diagnoses", {"files": {"capture_set": ("a.zip", b"no zip")}}, 422, "archive_not_zip"),
+        (
+            "POST",
+            "/v1/diagnoses",
+            {"files": {"capture_set": ("a.zip", b"")}, "data": {"effects": "witchcraft"}},
+            422,
+            "effect_unknown",
+        ),
     ],
 )
 def test_bad_requests_get_a_problem_with_a_code(

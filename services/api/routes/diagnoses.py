@@ -36,20 +36,32 @@ async def create_diagnosis(
     state: Annotated[ServiceState, Depends(get_state)],
     caller: Annotated[Caller, Depends(require(ApiScope.DIAGNOSES_WRITE))],
     capture_set: Annotated[UploadFile, File(description="ZIP of `captures.json` and its PNG files.")],
-    seed: Annotated[int, Form(ge=0, le=2**31 - 1)] = 0,
+    effects: Annotated[str, Form(max_length=2000, description="Try only these, comma-separated.")] = "",
+    without: Annotated[str, Form(max_length=2000, description="Leave these effects out, comma-separated.")] = "",
+    resolution_m: Annotated[float, Form(ge=0.002, le=0.05, allow_inf_nan=False, description="Mesh cell [m].")] = 0.01,
     idempotency_key: IdempotencyKey = None,
 ) -> JSONResponse:
     """Simulates for minutes: poll the job. Its `result` is the gap report, `report.html` is among its files.
 
     Scope `diagnoses:write`.
     """
+    inputs = DiagnosisInputs(
+        effects=_names(effects),
+        without=_names(without),
+        resolution_m=resolution_m,
+        most_bytes=state.settings.max_unpacked_bytes,
+    )
+    await run_in_threadpool(inputs.options)
     content = await capture_set.read()
     await run_in_threadpool(_check, content, state.settings)
-    inputs = DiagnosisInputs(seed=seed, most_bytes=state.settings.max_unpacked_bytes)
     file = FileContent(ARCHIVE_NAME, "application/zip", content)
     return await run_in_threadpool(
         submit_job, state, caller, idempotency_key, "diagnosis", inputs.model_dump(mode="json"), files=(file,)
     )
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _check(content: bytes, settings: Settings) -> CaptureSetDocument:

@@ -1,0 +1,63 @@
+"""`POST /v1/diagnoses`: a capture set as a ZIP, a gap report as the job's result."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+from jsonschema import validate
+
+from tests.services.served import SOFT, STIFF, drapemeter, finished, serving
+
+
+def capture_set(folder: Path, *effect: str) -> bytes:
+    """Two stiff fabrics, hanging and stretched, put up anew each time, as `drapemeter simulate` makes them."""
+    for number, parameters in enumerate((STIFF, {**SOFT, "bending_warp": 3e-4, "bending_weft": 3e-4})):
+        (folder / "p.json").write_text(json.dumps({**parameters, "bending_bias": 3e-4}))
+        for scene in ("hanging", "stretch"):
+            options = ["--scene", scene, "--parameters", str(folder / "p.json"), "--resolution", "0.05", *effect]
+            options += ["--out", str(folder / "a.ply"), "--capture-set", str(folder / "set"), "--fabric", f"f{number}"]
+            made = drapemeter(folder, "simulate", *options)
+            assert made.returncode == 0, made.stderr
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted((folder / "set").iterdir()):
+            archive.write(path, f"my captures/{path.name}")
+    return stream.getvalue()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_a_capture_set_is_diagnosed_as_a_job(tmp_path: Path, shared_dir: Path) -> None:
+    content = capture_set(tmp_path)
+    with serving(tmp_path) as running, running.client() as client:
+        answer = client.post(
+            "/v1/diagnoses",
+            files={"capture_set": ("set.zip", content, "application/zip")},
+            data={"effects": "air_draft,depth_scale", "resolution_m": "0.05"},
+        )
+        assert answer.status_code == 202, answer.text
+        job = finished(client, answer.headers["location"], 300)
+        assert job["problem"] is None
+        validate(job["result"], json.loads((shared_dir / "contracts" / "gap-report.schema.json").read_text()))
+        assert [file["name"] for file in job["files"]] == ["report.html"]
+        page = client.get(job["files"][0]["url"])
+        assert page.headers["content-security-policy"] == "sandbox"
+        assert page.text.lstrip().lower().startswith("<!doctype html")
+
+
+def test_captures_that_cannot_be_used_fail_the_job_with_a_code(tmp_path: Path, shared_dir: Path) -> None:
+    stream = io.BytesIO()
+    folder = shared_dir / "real" / "phisft-r1"
+    with zipfile.ZipFile(stream, "w") as archive:
+        for path in folder.iterdir():
+            archive.writestr(path.name, path.read_bytes()[: -3000 if path.name.endswith("-1.png") else None])
+    with serving(tmp_path) as running, running.client() as client:
+        answer = client.post("/v1/diagnoses", files={"capture_set": ("set.zip", stream.getvalue())})
+        job = finished(client, answer.headers["location"])
+    assert (job["status"], job["problem"]["code"]) == ("failed", "depth_damaged")
+    assert "r1-hanging-1.png" in job["problem"]["detail"]
+    assert "/r1-hanging-1.png" not in job["problem"]["detail"]  # the server's own folders are nobody's business
