@@ -12,7 +12,7 @@ from typing import Any
 
 import torch
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from safetensors.torch import load, save
 from torch import Tensor
 
 from simcore.errors import InputError
@@ -80,6 +80,10 @@ class TrainedModel:
             shutil.rmtree(fresh, ignore_errors=True)
         return version
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # As it is stored: smaller, and classes of torchvision need not be imported to read it.
+        return (_from_stored, (self._meta(), save(self._tensors())))
+
     def _tensors(self) -> dict[str, Tensor]:
         tensors = {_NETWORK + k: _stored(k, v, self.config) for k, v in self.network.state_dict().items()}
         for scene, model in self.outliers.items():
@@ -127,8 +131,7 @@ def load_model(folder: str | Path) -> TrainedModel:
             code="model_damaged",
         )
     try:
-        tensors = load_file(place / WEIGHTS_FILE)
-        return _build(meta, tensors)
+        return _from_stored(meta, weights)
     except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
         raise InputError(f"{place}: cannot be read as a model ({error})", code="model_damaged") from None
 
@@ -172,7 +175,8 @@ def _stored(name: str, tensor: Tensor, config: TrainConfig) -> Tensor:
     return (tensor.half() if half else tensor).contiguous()
 
 
-def _build(meta: dict[str, Any], tensors: dict[str, Tensor]) -> TrainedModel:
+def _from_stored(meta: dict[str, Any], weights: bytes) -> TrainedModel:
+    tensors = load(weights)
     config = TrainConfig.from_json(meta["config"])
     network = DrapeNetwork(config.network)
     state = {k.removeprefix(_NETWORK): v for k, v in tensors.items() if k.startswith(_NETWORK)}

@@ -150,3 +150,15 @@ def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path)
     assert seen == [Progress(1, 2, 0.5)]
     (events,) = (tmp_path / "events").iterdir()
     assert b"train/squared_error" in events.read_bytes() and b"spearman/bending_bias/hanging" in events.read_bytes()
+
+
+def test_a_model_travels_to_a_process_without_torchvision(tiny_model: TrainedModel) -> None:
+    import pickle
+    import subprocess
+    import sys
+
+    sent = pickle.dumps(tiny_model)
+    assert pickle.loads(sent).version == tiny_model.version
+    program = "import pickle, sys; print(pickle.load(sys.stdin.buffer).version)"
+    answer = subprocess.run([sys.executable, "-c", program], input=sent, capture_output=True, check=True)
+    assert answer.stdout.decode().strip() == tiny_model.version
