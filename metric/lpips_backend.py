@@ -7,6 +7,7 @@ the network runs once a render and every pair costs one inner product.
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
     import torch
 
 _SCALE = 256.0  # keeps scaled features inside float16's normal range
+_EPSILON = 1e-10  # lpips.normalize_tensor
 _SMALLEST = 64
-_BATCH = 8
+_BATCH = 2  # larger batches leave the processor's cache and are slower
 
 
 class LpipsBackend:
@@ -53,7 +55,8 @@ class LpipsBackend:
         self.net = net
         self.name = f"lpips-{net}"
         self._model, sha256 = _build(net)
-        self.fingerprint = f"lpips-0.1/{net}/{sha256[:16]}/{LPIPS_HEADS_SHA256[net][:8]}/f16"
+        self._net = _channels_last(self._model.net)
+        self.fingerprint = f"lpips-0.1/{net}/{sha256[:16]}/{LPIPS_HEADS_SHA256[net][:8]}/f16-hwc"
 
     @property
     def model(self) -> Any:
@@ -104,17 +107,21 @@ class LpipsBackend:
         return squared_distance_table(a, b) * self.squared_distance_unit
 
     def _embed(self, batch: torch.Tensor) -> list[NDArray[np.float16]]:
-        import lpips
         import torch
 
-        layers = self._model.net.forward(self._model.scaling_layer(batch))
-        parts = []
-        for layer, root in zip(layers, self._head_roots, strict=True):
+        batch = batch.contiguous(memory_format=torch.channels_last)
+        layers = self._net.forward(self._model.scaling_layer(batch))
+        sizes = [layer[0].numel() for layer in layers]
+        rows = [torch.empty(sum(sizes), dtype=torch.float16) for _ in range(len(batch))]
+        start = 0
+        for layer, root, size in zip(layers, self._head_roots, sizes, strict=True):
             pixels = layer.shape[2] * layer.shape[3]
-            unit = lpips.normalize_tensor(layer)
-            parts.append((unit * (root * (_SCALE / pixels**0.5))).flatten(1))
-        vectors: NDArray[np.float16] = torch.cat(parts, dim=1).half().numpy()
-        return [row.copy() for row in vectors]
+            length = layer.square().sum(dim=1, keepdim=True).sqrt_().add_(_EPSILON)
+            scaled = layer.div_(length).mul_(root * (_SCALE / pixels**0.5))
+            for row, values in zip(rows, scaled, strict=True):
+                row[start : start + size].copy_(values.permute(1, 2, 0).reshape(-1))
+            start += size
+        return [row.numpy() for row in rows]
 
 
 def lpips_range(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -154,6 +161,13 @@ def check_lpips_images(images: NDArray[Any]) -> None:
             "LPIPS takes values from -1 to 1 and a picture has none below 0, as if it were in [0, 1]: map it by 2x - 1",
             code="image_range",
         )
+
+
+def _channels_last(net: Any) -> Any:
+    """A copy of the trunk laid out so that a processor convolves it twice as fast."""
+    import torch
+
+    return copy.deepcopy(net).to(memory_format=torch.channels_last)
 
 
 def _build(net: str) -> tuple[Any, str]:

@@ -120,9 +120,9 @@ def test_depth_rmse_is_the_plain_formula(make_render: MakeRender) -> None:
 
 def test_squared_distances_are_exact_where_vectors_nearly_agree() -> None:
     rng = np.random.default_rng(0)
-    base = rng.normal(0, 1, 5000)
-    near = [(base + 1e-3 * rng.normal(0, 1, 5000)).astype(np.float32) for _ in range(4)]
-    table = squared_distance_table(near[:2], near[2:], block=999)
+    base = rng.normal(0, 1, 150_001)  # more than one block
+    near = [(base + 1e-3 * rng.normal(0, 1, base.size)).astype(np.float32) for _ in range(4)]
+    table = squared_distance_table(near[:2], near[2:])
     expected = [[np.sum((x.astype(float) - y) ** 2) for y in near[2:]] for x in near[:2]]
     assert np.allclose(table, expected, rtol=1e-4)
 
