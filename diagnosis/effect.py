@@ -70,6 +70,7 @@ class Effect:
         vector: the components are those of a vector: a size below ``low`` in one of them is no contradiction, the
             whole vector's length is in the range.
         random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
+        vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
     """
 
     name: str
@@ -82,6 +83,7 @@ class Effect:
     change: Apply = field(repr=False)
     vector: bool = False
     random_repeats: bool = False
+    vanishes_at_zero: bool = True
 
     def apply(self, scene: SimulationScene, magnitude: float | Size) -> SimulationScene:
         """The scene with the effect on.

@@ -20,4 +20,5 @@ EFFECT = Effect(
     hook="mechanics.stiffening_strain",
     source="J-shaped load-strain curves of woven fabrics, Wang et al. 2011.",
     change=change,
+    vanishes_at_zero=False,
 )

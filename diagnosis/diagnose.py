@@ -1,0 +1,196 @@
+"""Capture set in, gap report out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from capture.capture_set import CaptureSet
+from diagnosis.cause import Cause, name_cause
+from diagnosis.detection import detect
+from diagnosis.drape_cache import DrapeCache
+from diagnosis.effect import SCALAR, Stage
+from diagnosis.effects import catalogue, get_effect
+from diagnosis.evidence import EvidenceModel
+from diagnosis.fabric_task import FabricResult, FabricTask, explain_fabric
+from diagnosis.noise import Block, NoiseModel, make_block, make_pixel_block
+from diagnosis.preparation import prepare_tasks
+from diagnosis.regions import region_gaps
+from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport, StageName
+from diagnosis.shrinkage import NOT_EFFECTS, measure_shrinkage
+from diagnosis.simulator import Cost
+from diagnosis.version import MODEL_VERSION
+from simcore.errors import InputError
+
+GROUPS: tuple[frozenset[str], ...] = (
+    frozenset({"depth_scale", "depth_bias"}),
+    frozenset({"air_draft", "panel_tilt"}),
+)
+"""Effects that two scenes at one distance cannot tell apart."""
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """How to diagnose.
+
+    Attributes:
+        effects: names to try; empty: the whole catalogue.
+        without: names left out.
+        resolution_m: of the meshes.
+        workers: processes.
+    """
+
+    effects: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+    resolution_m: float = 0.01
+    workers: int = 1
+
+    def chosen(self) -> tuple[str, ...]:
+        """The effects to try.
+
+        Raises:
+            InputError: an unknown name, or none left.
+        """
+        names = self.effects or tuple(catalogue())
+        for name in (*names, *self.without):
+            get_effect(name)
+        left = tuple(name for name in names if name not in self.without)
+        if not left:
+            raise InputError("no effect is left to try: leave some in the catalogue", code="no_effects")
+        return left
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A report with what it rests on, for pictures and further analysis."""
+
+    report: GapReport
+    results: tuple[FabricResult, ...]
+    blocks: tuple[Block, ...]
+    cause: Cause
+    assumed: tuple[str, ...]
+
+
+Progress = Callable[[float], None]
+
+
+def diagnose(
+    captures: CaptureSet,
+    options: DiagnosisOptions = DiagnosisOptions(),
+    *,
+    cache: DrapeCache | None = None,
+    on_fabric: Progress | None = None,
+) -> Diagnosis:
+    """Find the gap between captures and simulations and name its cause.
+
+    Args:
+        captures: the set.
+        options: effects, mesh, workers.
+        cache: of simulated drapes; the user's by default.
+        on_fabric: called with 1 for every fabric that is done.
+
+    Raises:
+        InputError: captures that cannot be used.
+        SimulationError: simulations that do not come to rest.
+    """
+    began = time.monotonic()
+    effects = options.chosen()
+    tasks, assumed = prepare_tasks(captures, effects, options.resolution_m)
+    results = run_tasks(tasks, cache or DrapeCache.default(), options.workers, on_fabric)
+    return conclude(results, effects, tuple(assumed), began)
+
+
+def run_tasks(
+    tasks: Sequence[FabricTask], cache: DrapeCache, workers: int, on_fabric: Progress | None = None
+) -> list[FabricResult]:
+    """Explain every fabric, in processes of their own when there is more than one worker."""
+    if workers <= 1 or len(tasks) == 1:
+        results = []
+        for task in tasks:
+            results.append(explain_fabric(task, cache))
+            if on_fabric is not None:
+                on_fabric(1.0)
+        return results
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from multiprocessing import get_context
+
+    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn")) as pool:
+        futures = [pool.submit(explain_fabric, task, cache) for task in tasks]
+        for _ in as_completed(futures):
+            if on_fabric is not None:
+                on_fabric(1.0)
+        return [future.result() for future in futures]
+
+
+def conclude(
+    results: Sequence[FabricResult],
+    effects: tuple[str, ...],
+    assumed: tuple[str, ...] = (),
+    began: float | None = None,
+    noise: NoiseModel = NoiseModel(),
+    model: EvidenceModel = EvidenceModel(),
+) -> Diagnosis:
+    """From simulations to the report: statistics alone."""
+    blocks = []
+    for result in results:
+        for scene in ("hanging", "stretch"):
+            own = [c for c in result.captures if c.scene == scene]
+            if own:
+                blocks.append(make_block(own, result.task.relative_sigma, noise))
+    captures = [c for r in results for c in r.captures]
+    pixels = make_pixel_block(captures, noise)
+    gap = detect(blocks, pixels, model)
+    cause = name_cause(effects, blocks, pixels, model)
+    cost = Cost()
+    for result in results:
+        cost.add(result.cost)
+    report = GapReport(
+        gap=gap,
+        where=region_gaps(blocks, captures[0].reference.centre, _stage(cause), model.degrees, model.dimension_share),
+        cause=_cause_report(cause),
+        shrinkage=measure_shrinkage(cause, effects, blocks, pixels, model),
+        parameters_refitted=True,
+        cost=CostReport(
+            simulations=cost.simulations,
+            seconds=round(time.monotonic() - began, 2) if began is not None else cost.seconds,
+            solver_seconds=round(cost.seconds, 2),
+            cached=cost.cached,
+        ),
+        model_version=MODEL_VERSION,
+        assumed=list(assumed),
+    )
+    return Diagnosis(report, tuple(results), tuple(blocks), cause, assumed)
+
+
+def _stage(cause: Cause) -> StageName:
+    """Stage of the most probable effect."""
+    stages: dict[Stage, float] = dict.fromkeys(Stage, 0.0)
+    for name, probability in cause.probabilities.items():
+        if name not in NOT_EFFECTS:
+            stages[get_effect(name).stage] += probability
+    return max(stages, key=lambda stage: stages[stage]).value
+
+
+def _cause_report(cause: Cause) -> CauseReport:
+    top = cause.top
+    found = []
+    if top not in NOT_EFFECTS:
+        effect, evidence = get_effect(top), cause.evidence[top]
+        scalar = set(evidence.size) == {SCALAR}
+        found.append(
+            FoundEffect(
+                name=top,
+                stage=effect.stage.value,
+                magnitude=evidence.size[SCALAR] if scalar else evidence.size,
+                unit=effect.unit,
+                interval_90=evidence.interval_90[SCALAR] if scalar else evidence.interval_90,
+            )
+        )
+    near = {name for group in GROUPS if top in group for name in group} - {top}
+    return CauseReport(
+        probabilities=dict(cause.probabilities),
+        top=top,
+        effects=tuple(found),
+        not_separable_from=tuple(sorted(near & set(cause.probabilities))),
+    )

@@ -1,0 +1,111 @@
+"""Drapes on disk, addressed by what they were made from."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from diagnosis.version import SIMULATION_VERSION
+from renderer.atomic import write_atomically
+from simcore.drape import Drape, DrapeStatus
+from simcore.mechanics import Jitter, Mechanics
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+
+
+def content_key(**parts: Any) -> str:
+    """SHA-256 over the parts, hexadecimal; dataclasses by their fields, arrays by their bytes."""
+    return hashlib.sha256(json.dumps(parts, default=_plain, sort_keys=True).encode()).hexdigest()
+
+
+def drape_key(
+    mesh: GridMesh,
+    fabric: FabricParameters,
+    setup: Setup,
+    mechanics: Mechanics,
+    *,
+    seed: int = 0,
+    jitter: Jitter | None = None,
+    start: str | None = None,
+) -> str:
+    """Key of a simulation; ``start`` is the key of the drape it continues from."""
+    return content_key(
+        version=SIMULATION_VERSION,
+        mesh=[mesh.resolution_m, *mesh.size_m],
+        fabric=fabric.as_dict(),
+        setup=setup,
+        mechanics=mechanics,
+        seed=seed,
+        jitter=jitter,
+        start=start,
+    )
+
+
+@dataclass(frozen=True)
+class DrapeCache:
+    """A folder of drapes; ``folder`` None keeps nothing."""
+
+    folder: Path | None
+
+    @classmethod
+    def default(cls) -> DrapeCache:
+        """``DRAPEMETER_CACHE`` (empty: no cache), else a folder of the user's cache."""
+        named = os.environ.get("DRAPEMETER_CACHE")
+        if named is not None:
+            return cls(Path(named) / "drapes" if named else None)
+        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        return cls(root / "drapemeter" / "drapes")
+
+    def get(self, key: str, mesh: GridMesh) -> Drape | None:
+        """The drape of a key, or None; an unreadable file counts as absent."""
+        if self.folder is None:
+            return None
+        try:
+            with np.load(self._path(key)) as data:
+                facts = json.loads(str(data["facts"]))
+                vertices = data["vertices"]
+        except (OSError, ValueError, KeyError, EOFError):
+            return None
+        if vertices.shape != (mesh.vertex_count, 3):
+            return None
+        return Drape(mesh, vertices, DrapeStatus(facts.pop("status")), **facts)
+
+    def put(self, key: str, drape: Drape) -> None:
+        """Keep a drape."""
+        if self.folder is None:
+            return
+        path = self._path(key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        facts = {
+            "status": drape.status.value,
+            "residual": drape.residual,
+            "energy": drape.energy,
+            "stable": drape.stable,
+            "iterations": drape.iterations,
+            "seconds": drape.seconds,
+            "reason": drape.reason,
+        }
+        content = io.BytesIO()
+        np.savez(content, vertices=drape.vertices, facts=json.dumps(facts))
+        write_atomically(path, content.getvalue())
+
+    def _path(self, key: str) -> Path:
+        assert self.folder is not None
+        return self.folder / key[:2] / f"{key}.npz"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    return str(value)

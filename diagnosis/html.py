@@ -1,0 +1,125 @@
+"""The report as one self-contained HTML page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.diagnose import Diagnosis
+from diagnosis.effects import get_effect
+from diagnosis.fabric_task import CaptureResult, CaptureTask
+from diagnosis.shrinkage import NOT_EFFECTS
+
+TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
+MOST_PICTURES = 6
+TEXTS = {
+    "none": "nothing beyond repeats and stated uncertainties",
+    "unknown": "something that no effect of the catalogue describes",
+}
+
+
+def render_html(diagnosis: Diagnosis, name: str) -> str:
+    """The page, pictures embedded."""
+    from jinja2 import Environment
+
+    environment = Environment(autoescape=True)
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    report = diagnosis.report
+    ordered = sorted(report.cause.probabilities.items(), key=lambda item: -item[1])
+    causes = [{"name": n, "p": p, "text": TEXTS.get(n) or get_effect(n).summary} for n, p in ordered[:8]]
+    return template.render(
+        name=name,
+        report=report,
+        causes=causes,
+        sentence=sentence(diagnosis),
+        todo=advice(diagnosis),
+        pictures=_pictures(diagnosis),
+        assumed=diagnosis.assumed,
+    )
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The finding in plain words."""
+    report = diagnosis.report
+    top, p = report.cause.top, report.cause.probabilities[report.cause.top]
+    gap = f"{report.gap.value:.2f} mm against a noise floor of {report.gap.noise_floor:.2f} mm"
+    if top == "none":
+        return f"Simulation and captures agree as far as these captures can tell ({gap}; probability {p:.2f})."
+    if top == "unknown":
+        return f"They differ ({gap}), and no effect of the catalogue explains it (probability {p:.2f})."
+    effect = get_effect(top)
+    text = f"They differ ({gap}). Most probable cause: {top} (probability {p:.2f}). {effect.summary}"
+    if report.shrinkage is not None:
+        share = 100 * report.shrinkage.fraction
+        text += f" With it, {share:.0f} % of the gap above the floor goes away on held-out captures."
+    return text
+
+
+def advice(diagnosis: Diagnosis) -> list[str]:
+    """What a user can do next."""
+    report = diagnosis.report
+    lines = []
+    if report.cause.not_separable_from:
+        lines.append(
+            f"To tell {report.cause.top} from {', '.join(report.cause.not_separable_from)}, capture the same samples "
+            "again from another distance, with another pin distance, or fabrics of other weight."
+        )
+    scenes = {c.scene for r in diagnosis.results for c in r.captures}
+    if "stretch" not in scenes:
+        lines.append("Add captures of the stretch scene: it repeats far better than hanging and carries the diagnosis.")
+    if len(diagnosis.results) == 1:
+        lines.append("Add other fabrics: with one, a wrong parameter and a missing effect look alike.")
+    if report.cause.top not in NOT_EFFECTS:
+        stage = get_effect(report.cause.top).stage.value
+        lines.append(f"Check the {stage} stage: {get_effect(report.cause.top).hook}.")
+    return lines
+
+
+def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    pictures: list[dict[str, str]] = []
+    for result in diagnosis.results:
+        for scene in ("stretch", "hanging"):
+            own = [c for c in result.captures if c.scene == scene]
+            if own and len(pictures) < MOST_PICTURES:
+                task = next(t for t in result.task.captures if t.id == own[0].id)
+                pictures.append({"title": own[0].id, "data": _picture(task, own[0])})
+    return pictures
+
+
+def _picture(task: CaptureTask, found: CaptureResult) -> str:
+    """Capture, simulation and their difference side by side, PNG in base64."""
+    from matplotlib.figure import Figure
+
+    rows, columns = np.nonzero(found.reference.cell >= 0)
+    window = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
+    depth, simulated = task.depth[window].astype(float), found.reference.depth[window].astype(float)
+    difference = 1e3 * np.where((depth > 0) & (simulated > 0), simulated - depth, np.nan)
+    figure = Figure(figsize=(12, 4), layout="constrained")
+    axes: Any = figure.subplots(1, 3)
+    far = float(np.max(simulated))
+    high = 1e3 * (far - float(np.min(simulated[simulated > 0])))
+    for axis, values, title in (
+        (axes[0], _height(depth, far), "capture, height [mm]"),
+        (axes[1], _height(simulated, far), "simulation without effect [mm]"),
+    ):
+        drawn = axis.imshow(values, vmin=0, vmax=high, cmap="viridis")
+        axis.set_title(title)
+        figure.colorbar(drawn, ax=axis, shrink=0.8)
+    most = max(2.0, float(np.nanquantile(np.abs(difference), 0.98)))
+    drawn = axes[2].imshow(difference, vmin=-most, vmax=most, cmap="RdBu_r")
+    axes[2].set_title("capture nearer (red) or farther (blue) [mm]")
+    figure.colorbar(drawn, ax=axes[2], shrink=0.8)
+    for axis in axes:
+        axis.set_axis_off()
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=70)
+    return base64.b64encode(content.getvalue()).decode()
+
+
+def _height(depth: NDArray[np.float64], far: float) -> NDArray[np.float64]:
+    return np.asarray(np.where(depth > 0, 1e3 * (far - depth), np.nan))

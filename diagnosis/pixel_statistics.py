@@ -1,0 +1,79 @@
+"""Statistics of the pixels themselves: noise, its correlation, steps, holes, mixed edges."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.reference import Reference
+
+PIXEL_NAMES = ("log_noise", "correlation", "log_step", "dropout", "edge_mix", "edge_blur")
+
+
+def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArray[np.float64]:
+    """Measured on smooth places of cloth and panel, and at the reference's depth edges.
+
+    Returns:
+        float64 [6]: log of the noise [m] in the difference between pixels two apart; correlation of neighbouring
+        pixels' noise; log of the distance between depth values that occur [m]; share of pixels without data; share of
+        edge pixels between the two sides; mean absolute difference at edges, as a share of the step. NaN where too
+        little is seen.
+    """
+    known = depth > 0
+    smooth = (reference.depth > 0) & ~reference.edge
+    difference = np.where(known, depth.astype(np.float64) - reference.depth, np.nan)
+    difference[~smooth] = np.nan
+    out = np.full(len(PIXEL_NAMES), np.nan)
+    out[0], out[1] = _noise(difference)
+    out[2] = _step(depth[known & smooth])
+    expected = reference.depth > 0
+    if expected.any():
+        out[3] = np.count_nonzero(expected & ~known) / np.count_nonzero(expected)
+    out[4], out[5] = _edges(depth, reference)
+    return out
+
+
+def _noise(difference: NDArray[np.float64]) -> tuple[float, float]:
+    """Log standard deviation of the high-frequency part and the correlation of neighbours, robust."""
+    far = difference[:, 2:-2] - 0.5 * (difference[:, :-4] + difference[:, 4:])
+    near = difference[:, 1:] - difference[:, :-1]
+    far, near = far[np.isfinite(far)], near[np.isfinite(near)]
+    if far.size < 500 or near.size < 500:
+        return float("nan"), float("nan")
+    variance_far = float(np.mean(np.clip(far, *np.quantile(far, [0.002, 0.998])) ** 2)) / 1.5
+    variance_near = float(np.mean(np.clip(near, *np.quantile(near, [0.002, 0.998])) ** 2)) / 2.0
+    variance_far = max(variance_far, 1e-12)
+    return 0.5 * float(np.log(variance_far)), 1.0 - variance_near / variance_far
+
+
+def _step(values: NDArray[np.float32]) -> float:
+    """Log of the median gap between neighbouring depth values that occur."""
+    if values.size < 500:
+        return float("nan")
+    low, high = np.quantile(values, [0.02, 0.98])
+    present = np.unique(np.round(values[(values >= low) & (values <= high)], 6))
+    gaps = np.diff(present)
+    gaps = gaps[gaps > 2e-6]
+    return float(np.log(np.median(gaps))) if gaps.size >= 3 else float("nan")
+
+
+def _edges(depth: NDArray[np.float32], reference: Reference) -> tuple[float, float]:
+    """How pixels behave at the picture's own depth edges larger than 12 mm."""
+    counts = [0, 0]
+    widths = []
+    for z in (depth, depth.T):
+        left, middle, right = z[:, :-4], z[:, 2:-2], z[:, 4:]
+        inner, outer = z[:, 1:-3], z[:, 3:-1]
+        seen = (left > 0) & (middle > 0) & (right > 0) & (inner > 0) & (outer > 0)
+        jump = right - left
+        edge = seen & (np.abs(jump) > 0.012)
+        if not edge.any():
+            continue
+        share = (middle[edge] - left[edge]) / jump[edge]
+        between = (share > 0.2) & (share < 0.8)
+        counts[0] += int(np.count_nonzero(between))
+        counts[1] += int(np.count_nonzero(edge))
+        widths.append(np.abs(outer[edge] - inner[edge]) / np.abs(jump[edge]))
+    if counts[1] < 60:
+        return float("nan"), float("nan")
+    return counts[0] / counts[1], float(np.mean(np.concatenate(widths)))

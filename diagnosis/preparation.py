@@ -1,0 +1,117 @@
+"""From a capture set to the tasks of its diagnosis; what is missing is estimated or taken wide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from capture.capture_set import Capture, CaptureSet
+from capture.documents import FabricDocument, SensorDocument
+from capture.prepare import prepare_all
+from diagnosis.fabric_task import CaptureTask, FabricTask, relative_sigma
+from diagnosis.scene import SimulationScene, pose_rows
+from renderer.sensor import SensorModel
+from simcore.errors import InputError
+from simcore.parameters import FabricParameters
+from simcore.prior import FabricPrior
+
+UNKNOWN_SIGMA = 0.8
+"""Relative uncertainty of parameters that nothing is known of (linear responses are not good for more)."""
+UNKNOWN_DENSITY_SIGMA = 0.5
+STATED_SIGMA = 0.07
+"""Relative uncertainty of parameters that a set states without saying how well they are known."""
+TYPICAL_DENSITY_KG_M2 = 0.2
+
+
+def prepare_tasks(
+    captures: CaptureSet, effects: Sequence[str], resolution_m: float
+) -> tuple[list[FabricTask], list[str]]:
+    """Tasks fabric by fabric, and what had to be assumed, in words.
+
+    Raises:
+        InputError: captures that cannot be used, or a mesh that does not fit the sample.
+    """
+    if not captures.captures:
+        raise InputError(f"{captures.folder}: the set lists no captures", code="no_captures")
+    prepared = {p.capture.id: p for p in prepare_all(captures.captures)}
+    assumed: list[str] = []
+    tasks = []
+    for fabric_id, fabric in captures.fabrics.items():
+        own = captures.of_fabric(fabric_id)
+        if not own:
+            continue
+        parameters, sigma = _parameters(fabric, assumed)
+        items = []
+        for capture in own:
+            ready = prepared[capture.id]
+            scene = SimulationScene(
+                capture.setup,
+                camera=capture.camera,
+                pose=pose_rows(ready.registration.camera_from_panel),
+                sensor=sensor_model(capture.sensor),
+            )
+            depth = ready.depth if capture.setup.panel else np.where(ready.region.mask, ready.depth, np.float32(0.0))
+            items.append(CaptureTask(capture.id, capture.repeat, depth, scene, _sensor_known(capture)))
+        tasks.append(
+            FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), _resolution(own[0], resolution_m))
+        )
+    if any(c.camera_from_panel is None for c in captures.captures):
+        assumed.append("the camera's pose was found in the pictures: errors of pose and axial sensor errors are hidden")
+    if not all(_sensor_known(c) for c in captures.captures):
+        assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
+    return tasks, assumed
+
+
+def sensor_model(document: SensorDocument | None) -> SensorModel:
+    """The sensor as stated; ideal where nothing is."""
+    if document is None:
+        return SensorModel()
+    return SensorModel(
+        range_noise_m=document.range_noise_m or 0.0,
+        at_m=document.at_m or 0.9,
+        quantisation_m=document.quantisation_m or 0.0,
+    )
+
+
+def _sensor_known(capture: Capture) -> bool:
+    return capture.sensor is not None and capture.sensor.range_noise_m is not None
+
+
+def _parameters(fabric: FabricDocument, assumed: list[str]) -> tuple[FabricParameters, tuple[float, ...]]:
+    density, density_cv = fabric.density, fabric.density_cv
+    if density is None:
+        assumed.append(f"fabric {fabric.id}: no density; taken as {TYPICAL_DENSITY_KG_M2} kg/m², give or take a half")
+        density, density_cv = TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA
+    if fabric.parameters is not None:
+        given = fabric.parameters.model_dump()
+        cv = STATED_SIGMA if fabric.parameters_cv is None else fabric.parameters_cv
+        return FabricParameters.from_mapping({**given, "density": density}), relative_sigma(cv, density_cv, cv)
+    assumed.append(
+        f"fabric {fabric.id}: no parameters; the middle of real fabrics of its weight, within a factor of two"
+    )
+    prior = FabricPrior.default()
+    mean, cov = np.asarray(prior.log_mean), np.asarray(prior.log_cov)
+    shift = cov[:6, 6] / cov[6, 6] * (np.log(density) - mean[6])
+    values = np.exp(np.append(mean[:6] + shift, np.log(density)))
+    return FabricParameters.from_array(values), relative_sigma(UNKNOWN_SIGMA, density_cv, UNKNOWN_SIGMA)
+
+
+def _resolution(capture: Capture, wanted_m: float) -> float:
+    """The cell that divides the sample and is nearest to what is wanted.
+
+    Raises:
+        InputError: no cell between half and twice that divides both edges.
+    """
+    width, height = capture.setup.sample_size_m
+    for cells in sorted(range(4, 400), key=lambda n: abs(width / n - wanted_m)):
+        size = width / cells
+        if not 0.5 * wanted_m <= size <= 2 * wanted_m:
+            break
+        rows = height / size
+        if abs(rows - round(rows)) < 1e-6 and size >= 1e-3:
+            return size
+    raise InputError(
+        f"no mesh of about {wanted_m} m divides a sample of {width:g} x {height:g} m: choose another resolution",
+        code="resolution_does_not_divide",
+    )

@@ -1,0 +1,92 @@
+"""The gap report, format ``drape-gap-report/1``."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+FORMAT: Final = "drape-gap-report/1"
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Region = Literal["pins", "top_edge", "sides", "hem", "interior", "panel", "all"]
+StageName = Literal["fabric", "setup", "environment", "camera", "sensor"]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+
+class Gap(_Model):
+    """Whether captures and simulations differ by more than repeats do."""
+
+    detected: bool
+    p_value: Probability
+    value: float
+    noise_floor: float
+    unit: str = "mm"
+
+
+class RegionGap(_Model):
+    """The gap in one region of one scene."""
+
+    scene: Literal["hanging", "stretch"]
+    region: Region
+    stage: StageName
+    gap: float
+    noise_floor: float
+    p_adjusted: Probability
+
+
+class FoundEffect(_Model):
+    """An effect that was named, with its size."""
+
+    name: str
+    stage: StageName
+    magnitude: float | dict[str, float]
+    unit: str
+    interval_90: tuple[float, float] | dict[str, tuple[float, float]]
+
+
+class CauseReport(_Model):
+    """Which effect, or none, or something unknown."""
+
+    probabilities: dict[str, Probability]
+    top: str
+    effects: tuple[FoundEffect, ...]
+    not_separable_from: tuple[str, ...]
+
+
+class Shrinkage(_Model):
+    """How far the gap shrinks on held-out captures once the effect is added."""
+
+    held_out: tuple[str, ...]
+    before: float
+    after: float
+    noise_floor: float
+    fraction: float
+    interval_90: tuple[float, float]
+    unit: str = "mm"
+
+
+class CostReport(_Model):
+    """Simulations solved for this report and its wall-clock seconds."""
+
+    simulations: int
+    seconds: float
+
+
+class GapReport(_Model):
+    """Everything the diagnosis says of a capture set."""
+
+    format: Literal["drape-gap-report/1"] = FORMAT
+    gap: Gap
+    where: tuple[RegionGap, ...]
+    cause: CauseReport
+    shrinkage: Shrinkage | None
+    parameters_refitted: bool
+    cost: CostReport
+    model_version: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain JSON value."""
+        return dict(self.model_dump(mode="json"))

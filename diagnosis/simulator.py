@@ -1,0 +1,111 @@
+"""Drapes for the diagnosis: solved once, cached, counted."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.drape_cache import DrapeCache, content_key, drape_key
+from diagnosis.scene import SimulationScene
+from simcore.drape import Drape, DrapeStatus
+from simcore.mechanics import NO_JITTER, Jitter
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.solver import Solver
+
+TIME_LIMIT_S = 20.0
+
+
+@dataclass
+class Cost:
+    """What was spent: simulations solved now (not taken from the cache) and their CPU seconds."""
+
+    simulations: int = 0
+    cached: int = 0
+    seconds: float = 0.0
+
+    def add(self, other: Cost) -> None:
+        """Take another account over."""
+        self.simulations += other.simulations
+        self.cached += other.cached
+        self.seconds += other.seconds
+
+
+@dataclass(frozen=True)
+class KeyedDrape:
+    """A drape and the key of what it was made from."""
+
+    drape: Drape
+    key: str
+
+
+@dataclass
+class Simulator:
+    """One process's solvers, one a mesh. Not thread-safe.
+
+    Attributes:
+        cache: where drapes are kept.
+        cost: account of what was solved.
+    """
+
+    cache: DrapeCache
+    cost: Cost = field(default_factory=Cost)
+    _solvers: dict[GridMesh, Solver] = field(default_factory=dict, repr=False)
+
+    def put_up(
+        self, mesh: GridMesh, fabric: FabricParameters, scene: SimulationScene, seed: int, jitter: Jitter = NO_JITTER
+    ) -> KeyedDrape:
+        """The sample put up afresh."""
+        key = drape_key(mesh, fabric, scene.setup, scene.mechanics, seed=seed, jitter=jitter)
+        cached = self._cached(key, mesh)
+        if cached is not None:
+            return cached
+        began = time.process_time()
+        drape = self._solver(mesh).solve(
+            fabric, scene.setup, seed=seed, jitter=jitter, mechanics=scene.mechanics, time_limit_s=TIME_LIMIT_S
+        )
+        return self._keep(key, drape, began)
+
+    def proceed(self, start: KeyedDrape, fabric: FabricParameters, scene: SimulationScene) -> KeyedDrape:
+        """The drape that ``start`` turns into when fabric, set-up or mechanics change to these."""
+        mesh = start.drape.mesh
+        key = drape_key(mesh, fabric, scene.setup, scene.mechanics, start=start.key)
+        cached = self._cached(key, mesh)
+        if cached is not None:
+            return cached
+        began = time.process_time()
+        drape = self._solver(mesh).solve(
+            fabric,
+            scene.setup,
+            start=start.drape,
+            jitter=NO_JITTER,
+            mechanics=scene.mechanics,
+            time_limit_s=TIME_LIMIT_S,
+        )
+        return self._keep(key, drape, began)
+
+    def shaped(self, mesh: GridMesh, vertices: NDArray[np.float64]) -> KeyedDrape:
+        """Positions that are no equilibrium, to start from; [vertex_count, 3]."""
+        drape = Drape(mesh, vertices, DrapeStatus.NOT_STILL, float("inf"), 0.0, False, 0, 0.0, "given shape")
+        return KeyedDrape(drape, content_key(vertices=vertices))
+
+    def _cached(self, key: str, mesh: GridMesh) -> KeyedDrape | None:
+        drape = self.cache.get(key, mesh)
+        if drape is None:
+            return None
+        self.cost.cached += 1
+        return KeyedDrape(drape, key)
+
+    def _keep(self, key: str, drape: Drape, began: float) -> KeyedDrape:
+        self.cost.simulations += 1
+        self.cost.seconds += time.process_time() - began
+        self.cache.put(key, drape)
+        return KeyedDrape(drape, key)
+
+    def _solver(self, mesh: GridMesh) -> Solver:
+        if mesh not in self._solvers:
+            self._solvers[mesh] = Solver(mesh)
+        return self._solvers[mesh]

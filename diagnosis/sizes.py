@@ -1,0 +1,71 @@
+"""At which sizes an effect is simulated and how its response is interpolated between them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.effect import SCALAR, Effect
+
+GRID_POINTS = 49
+
+
+def nodes(effect: Effect) -> list[dict[str, float]]:
+    """Sizes to simulate. A vector: each component alone, at the length that is typical; it is taken as linear."""
+    if effect.vector:
+        first = next(iter(effect.components.values()))
+        step = math.sqrt(first.low * first.high)
+        return [{name: (step if name == chosen else 0.0) for name in effect.components} for chosen in effect.components]
+    name, component = next(iter(effect.components.items()))
+    if name != SCALAR or len(effect.components) != 1:
+        raise NotImplementedError(f"{effect.name}: several components that are no vector")
+    if effect.vanishes_at_zero:
+        sizes = [0.5 * component.high, component.high]
+    else:
+        sizes = np.geomspace(component.low, component.high, 4).tolist()
+    if component.signed:
+        sizes = [-s for s in reversed(sizes)] + sizes
+    return [{SCALAR: s} for s in sizes]
+
+
+def grid(effect: Effect) -> NDArray[np.float64]:
+    """Sizes over which a scalar effect is marginalised; from half the prior's least to 1.3 times its largest."""
+    component = next(iter(effect.components.values()))
+    low, high = 0.5 * component.low, 1.3 * component.high
+    if component.signed:
+        half = np.geomspace(low, high, GRID_POINTS // 2)
+        return np.concatenate([-half[::-1], half])
+    return np.geomspace(low, high, GRID_POINTS)
+
+
+def log_prior(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Log of the prior's weights on :func:`grid`: log-uniform, fading outside the stated range; sums to one."""
+    component = next(iter(effect.components.values()))
+    size = np.abs(sizes)
+    outside = np.maximum(np.maximum(component.low / size, size / component.high), 1.0)
+    log_weight = -2.0 * np.log(outside) / math.log(1.5)
+    return np.asarray(log_weight - np.log(np.exp(log_weight).sum()))
+
+
+def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights [sizes, nodes] that turn responses at :func:`nodes` into responses at ``sizes``.
+
+    Piecewise linear through zero for effects that vanish at size zero, linear in the logarithm otherwise; beyond the
+    outermost nodes the last piece is continued.
+    """
+    own = np.array([node[SCALAR] for node in nodes(effect)])
+    if effect.vanishes_at_zero:
+        knots = np.sort(np.append(own, 0.0))
+        at = sizes
+    else:
+        knots, at = np.log(own), np.log(sizes)
+    place = np.clip(np.searchsorted(knots, at) - 1, 0, len(knots) - 2)
+    share = (at - knots[place]) / (knots[place + 1] - knots[place])
+    weights = np.zeros((len(at), len(knots)))
+    weights[np.arange(len(at)), place] = 1 - share
+    weights[np.arange(len(at)), place + 1] += share
+    if effect.vanishes_at_zero:
+        weights = np.delete(weights, int(np.flatnonzero(knots == 0.0)[0]), axis=1)
+    return weights

@@ -1,0 +1,196 @@
+"""Capture sets made by simulation: for tests, the demonstration and the blind check."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture.capture_set import CaptureSet, new_document
+from diagnosis.base_state import picture_of
+from diagnosis.effect import Effect, Size
+from diagnosis.scene import SimulationScene, pose_rows
+from renderer.camera import Camera, frontal_pose
+from renderer.depth_png import write_depth_png
+from renderer.sensor import SensorModel
+from simcore.drape import Drape
+from simcore.errors import SimulationError
+from simcore.mechanics import Jitter
+from simcore.mesh import GridMesh
+from simcore.parameters import ESTIMATED_NAMES, FabricParameters
+from simcore.prior import FabricPrior, is_admissible
+from simcore.scenes import Scene, Setup
+from simcore.solver import Solver
+
+SET_CAMERA = Camera(640, 480, 475.0, 475.0, 319.5, 239.5)
+SET_SENSOR = SensorModel(range_noise_m=0.001, at_m=0.9, quantisation_m=0.0002)
+ATTEMPTS = 4
+DIAGNOSABLE = {
+    "stretch_warp": (50.0, 2000.0),
+    "stretch_weft": (50.0, 2000.0),
+    "stretch_bias": (20.0, 500.0),
+    "bending_warp": (5e-6, 4e-4),
+    "bending_weft": (5e-6, 4e-4),
+    "bending_bias": (5e-6, 4e-4),
+    "density": (0.08, 0.45),
+}
+"""Fabrics that a 10 mm mesh resolves and a depth camera sees."""
+
+
+@dataclass(frozen=True)
+class SynthesisPlan:
+    """What a synthetic capture set holds.
+
+    Attributes:
+        fabrics: number of fabrics, drawn from the prior.
+        scenes: names.
+        repeats: captures a fabric and scene.
+        resolution_m: of the mesh.
+        parameters_cv, density_cv: how far the stated parameters are off the simulated ones (log-normal).
+        pin_radius_m: of the magnets.
+        jitter: between repeats.
+        seed: of everything.
+        wrong: one fabric's parameter stated wrongly by a factor, (name, factor), or None.
+    """
+
+    fabrics: int = 4
+    scenes: tuple[str, ...] = ("hanging", "stretch")
+    repeats: int = 2
+    resolution_m: float = 0.01
+    parameters_cv: float = 0.07
+    density_cv: float = 0.02
+    pin_radius_m: float = 0.01
+    jitter: Jitter = Jitter(1.0, 0.0003, 0.02)
+    seed: int = 0
+    wrong: tuple[str, float] | None = None
+
+
+def draw_fabrics(count: int, seed: int) -> list[FabricParameters]:
+    """Fabrics of the prior that can be diagnosed, the same for the same seed."""
+    return FabricPrior.default(DIAGNOSABLE).sample(range(count), seed)
+
+
+def misstate(
+    fabric: FabricParameters, parameters_cv: float, density_cv: float, rng: np.random.Generator
+) -> FabricParameters:
+    """Parameters as somebody measured them: each off by a log-normal error."""
+    sigma = np.array([parameters_cv] * 6 + [density_cv])
+    for _ in range(100):
+        values = fabric.as_array() * np.exp(sigma * rng.standard_normal(7))
+        if is_admissible(values[None])[0]:
+            return FabricParameters.from_array(values)
+    return fabric
+
+
+def make_capture_set(
+    folder: Path,
+    plan: SynthesisPlan,
+    effects: Sequence[tuple[Effect, Size]] = (),
+    *,
+    fabrics: Sequence[FabricParameters] | None = None,
+    name: str = "synthetic",
+) -> CaptureSet:
+    """Simulate a capture set and write it.
+
+    Args:
+        folder: where to; made if absent.
+        plan: what it holds.
+        effects: switched on in all captures, each with its size.
+        fabrics: stated fabrics; drawn from the prior by default. What is simulated is off by the plan's errors.
+        name: of the set.
+
+    Raises:
+        SimulationError: a drape does not come to rest in several attempts.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    stated = list(fabrics) if fabrics is not None else draw_fabrics(plan.fabrics, plan.seed)
+    solver = Solver(GridMesh(plan.resolution_m))
+    entries: list[dict[str, Any]] = []
+    for number, fabric in enumerate(stated):
+        rng = np.random.default_rng([plan.seed, number, 1])
+        real = misstate(fabric, plan.parameters_cv, plan.density_cv, rng)
+        if plan.wrong is not None and number == 0:
+            real = FabricParameters.from_mapping(
+                {**real.as_dict(), plan.wrong[0]: getattr(real, plan.wrong[0]) * plan.wrong[1]}
+            )
+        for scene_number, scene_name in enumerate(plan.scenes):
+            for repeat in range(plan.repeats):
+                capture_id = f"f{number + 1}-{scene_name}-{repeat}"
+                words = (plan.seed, number, scene_number, repeat)
+                scene = build_scene(scene_name, plan, effects)
+                drape = _drape(solver, real, scene, plan.jitter, np.random.SeedSequence(words))
+                noise = np.random.default_rng(np.random.SeedSequence((*words, 7)))
+                depth = scene.sensor.apply(picture_of(drape, scene), noise, camera=scene.camera)
+                write_depth_png(folder / f"{capture_id}.png", depth, SET_CAMERA.depth_unit_m)
+                entries.append(
+                    {
+                        "id": capture_id,
+                        "fabric": f"f{number + 1}",
+                        "scene": scene_name,
+                        "repeat": repeat,
+                        "depth": f"{capture_id}.png",
+                    }
+                )
+    return _write(folder, plan, stated, entries, name)
+
+
+def build_scene(scene_name: str, plan: SynthesisPlan, effects: Sequence[tuple[Effect, Size]] = ()) -> SimulationScene:
+    """The nominal scene of a synthetic capture with effects on."""
+    setup = Setup.nominal(Scene.parse(scene_name), pin_radius_m=plan.pin_radius_m)
+    scene = SimulationScene(setup, camera=SET_CAMERA, pose=pose_rows(frontal_pose()), sensor=SET_SENSOR)
+    for effect, size in effects:
+        scene = effect.apply(scene, size)
+    return scene
+
+
+def _drape(
+    solver: Solver, fabric: FabricParameters, scene: SimulationScene, jitter: Jitter, seed: np.random.SeedSequence
+) -> Drape:
+    for attempt in seed.spawn(ATTEMPTS):
+        drape = solver.solve(fabric, scene.setup, seed=attempt, jitter=jitter, mechanics=scene.mechanics)
+        if drape.ok:
+            return drape
+    raise SimulationError(
+        f"a synthetic capture did not come to rest in {ATTEMPTS} attempts ({drape.reason}): choose other fabrics",
+        code="capture_not_still",
+    )
+
+
+def _write(
+    folder: Path, plan: SynthesisPlan, stated: Sequence[FabricParameters], entries: list[dict[str, Any]], name: str
+) -> CaptureSet:
+    fabrics: list[dict[str, Any]] = [
+        {
+            "id": f"f{number + 1}",
+            "density": fabric.density,
+            "parameters": {key: getattr(fabric, key) for key in ESTIMATED_NAMES},
+            "parameters_cv": plan.parameters_cv,
+            "density_cv": plan.density_cv,
+        }
+        for number, fabric in enumerate(stated)
+    ]
+    pins: Mapping[str, Any] = {scene: Setup.nominal(scene).pins_m for scene in plan.scenes}
+    document = new_document(
+        name=name,
+        camera=SET_CAMERA,
+        fabrics=fabrics,
+        captures=entries,
+        setup={
+            "sample_size_m": [0.5, 0.5],
+            "camera_from_panel": frontal_pose().tolist(),
+            "pins_m": pins,
+            "panel": True,
+            "pin_radius_m": plan.pin_radius_m,
+        },
+        sensor={
+            "range_noise_m": SET_SENSOR.range_noise_m,
+            "at_m": SET_SENSOR.at_m,
+            "quantisation_m": SET_SENSOR.quantisation_m,
+        },
+    )
+    made = CaptureSet(folder, document)
+    made.save()
+    return made
