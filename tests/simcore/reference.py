@@ -32,7 +32,7 @@ STANDARD_GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Friction:
-    """Lagged friction: ``bound`` = coefficient times normal force [N], [rows, columns]; ``anchor`` [rows, columns, 2]."""
+    """Lagged friction: ``bound``, coefficient times normal force [N], per vertex; ``anchor`` [rows, columns, 2] [m]."""
 
     bound: Array
     anchor: Array
@@ -138,7 +138,7 @@ class Cloth:
     # -- rest curvature ------------------------------------------------------------------------------------------
 
     def moments(self) -> tuple[Array, Array]:
-        """Moment of the rest curvature times area along u and v [N·m·m²/m... J·m], zero where no second difference is."""
+        """Area times moment of the rest curvature along u and v [N·m²], zero where there is no second difference."""
         rows, columns = self.held.shape
         v, u = np.meshgrid(np.arange(rows) * self.hv, np.arange(columns) * self.hu, indexing="ij")
         size = ((columns - 1) * self.hu, (rows - 1) * self.hv)
@@ -157,7 +157,7 @@ class Cloth:
         return mu, mv
 
     def _curl_parts(self, x: Array) -> tuple[Array, Array, Array]:
-        """Weighted second differences and the differences across each vertex along u and v; the border repeats itself."""
+        """Weighted second differences, and differences across each vertex along u and v; the border repeats itself."""
         mu, mv = self.moments()
         p = np.pad(x, ((1, 1), (1, 1), (0, 0)), mode="edge")
         left, right, up, down = p[1:-1, :-2], p[1:-1, 2:], p[:-2, 1:-1], p[2:, 1:-1]
@@ -205,9 +205,12 @@ class Cloth:
         """Green-Lagrange strain along the material's weft and warp, and their shear 2 E."""
         c, s = math.cos(self.mechanics.off_grain_rad), math.sin(self.mechanics.off_grain_rad)
         weft, warp = c * a + s * b, -s * a + c * b
-        # F d for a unit direction d: |F d|² = 1 + 2 d.E d
-        dot = lambda m, n: np.sum(m * n, axis=2)  # noqa: E731  (the one-letter formula reads best in place)
-        return 0.5 * (dot(weft, weft) - 1), 0.5 * (dot(warp, warp) - 1), dot(weft, warp)
+        # with F d the stretched unit direction d: |F d|² = 1 + 2 d.E d
+        return (
+            0.5 * (np.sum(weft**2, axis=2) - 1.0),
+            0.5 * (np.sum(warp**2, axis=2) - 1.0),
+            np.sum(weft * warp, axis=2),
+        )
 
     def _tensile(self, strain: Array) -> Array:
         """1 / e_2² where the fibre is in tension."""

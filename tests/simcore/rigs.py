@@ -67,7 +67,7 @@ class Rig:
         level.set_up(fabric, mechanics, contact, held.astype(np.int32))
         return cls(level, Cloth(fabric, grid.hu, grid.hv, held.astype(bool), mechanics, panel, friction))
 
-    def settle(self, x: Array, tolerance: float = 1e-6, iterations: int = 400) -> Array:
+    def settle(self, x: Array, tolerance: float = 1e-4, iterations: int = 400) -> Array:
         """Minimise from ``x``; asserts that it came to rest."""
         options = NewtonOptions(tolerance=tolerance, certify=False, iterations=iterations)
         rest: Rest = Newton(self.level, options).minimise(x)
@@ -104,7 +104,7 @@ def laid_out(grid: Grid, along: Array, across: Array) -> Array:
 
 
 def cylinder(grid: Grid, radius_m: float, heading_rad: float) -> Array:
-    """The sheet rolled without stretch on a cylinder, its curvature running at ``heading_rad`` from weft towards warp."""
+    """The sheet rolled up without stretch, its curvature running at ``heading_rad`` from weft towards warp."""
     u, v = np.meshgrid(np.arange(grid.columns) * grid.hu, np.arange(grid.rows) * grid.hv)
     c, s = math.cos(heading_rad), math.sin(heading_rad)
     round_, along = u * c + v * s, -u * s + v * c
