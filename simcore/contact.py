@@ -119,6 +119,13 @@ class PanelContact:
         towards = (dz < 0.0) & (fixed == 0)
         return float((0.9 * z[towards] / -dz[towards]).min(initial=math.inf))
 
+    def keep_clear(self, x: Array, moved: Array, fixed: Mask) -> Array:
+        """``moved``, with no free vertex nearer the panel than a tenth of its distance in ``x``; changed in place."""
+        if self.active:
+            z = moved[..., 2]
+            np.copyto(z, np.maximum(z, 0.1 * x[..., 2]), where=fixed == 0)
+        return moved
+
     def _adhesion(self, where: tuple[NDArray[np.intp], ...]) -> Array:
         return np.asarray(ADHESION_SHAPE * self.adhesion_pa * self.areas[where])
 

@@ -193,10 +193,10 @@ class Newton:
         if slope >= 0.0:
             return 0.0, x, energy
         longest = self.options.largest_step * min(level.grid.hu, level.grid.hv)
-        length = min(1.0, longest / float(np.abs(step).max()), level.contact.largest_step(x, step, level.fixed))
+        length = min(1.0, longest / float(np.abs(step).max()))
         slack = 1e-13 * abs(energy)
         for _ in range(30):
-            moved = x + length * step
+            moved = level.contact.keep_clear(x, x + length * step, level.fixed)
             new_energy = level.energy(moved)
             if new_energy <= energy + 1e-4 * length * slope + slack:
                 return length, moved, new_energy

@@ -56,6 +56,13 @@ class Pins:
             places.append(np.asarray(place) + moves[number])
         return cls((owner >= 0).astype(np.int32), owner, offset, np.array(starts), np.array(places))
 
+    @property
+    def overstretched(self) -> bool:
+        """Two pins are farther apart than the cloth between them is long: tension, not gravity, shapes the drape."""
+        apart = np.linalg.norm(self.places[:, None] - self.places[None], axis=2)
+        cloth = np.linalg.norm(self.start[:, None] - self.start[None], axis=2)
+        return bool((apart > cloth + 2e-3).any())
+
     def hold(self, x: Array, progress: float) -> None:
         """Move the held vertices of ``x`` to where they are at ``progress`` from 0 (flat) to 1 (home)."""
         held = self.owner >= 0
@@ -125,17 +132,18 @@ def put_up(level: Level, pins: Pins, perturbation: Perturbation) -> tuple[Array,
 
 
 def _step(level: Level, x: Array, velocity: Array, inertia: Array, pins: Pins, progress: float) -> Array:
-    """One step: two damped Newton iterations on elastic + inertial energy."""
+    """One step: a damped Newton step on elastic + inertial energy and up to two corrections with its factorisation."""
     x = x.copy()
     pins.hold(x, progress)
     free = (level.fixed == 0)[..., None]
     goal = x + STEP_S * velocity * free
-    for _ in range(2):
+    level.set_stress(x, x, 0.0)
+    for correction in range(3):
         gradient = level.gradient(x) + inertia[..., None] * (x - goal) * free
-        level.set_stress(x, x, 0.0)
-        shift = inertia
-        while level.factor(x, 0.0, shift) > 0:
-            shift = 4.0 * shift
+        if correction == 0:
+            shift = inertia
+            while level.factor(x, 0.0, shift) > 0:
+                shift = 4.0 * shift
         move = level.solve(-gradient)
         longest = 2.0 * level.grid.hu / max(float(np.abs(move).max()), 1e-12)
         length = min(1.0, longest, level.contact.largest_step(x, move, level.fixed))

@@ -24,6 +24,22 @@ Array = NDArray[np.float64]
 COARSEST_CELL_M = 0.02
 
 
+COARSE_STIFFNESS_N_M = 250.0
+"""Largest stretch stiffness used on 20 mm cells while coarse levels look for the folds; grows as 1 / cell²."""
+
+
+def softened(fabric: FabricParameters, largest: float) -> FabricParameters:
+    """The fabric with its stretch stiffnesses scaled down together so that none exceeds ``largest`` [N/m].
+
+    A cell of size h bent to curvature k is strained by about (k h)² / 16: on coarse cells a stiff membrane resists
+    folds that the sample has. Coarse levels only lead to a basin; the last level uses the fabric as it is.
+    """
+    stretch = (fabric.stretch_warp, fabric.stretch_weft, fabric.stretch_bias)
+    scale = min(1.0, largest / max(stretch))
+    warp, weft, bias = (max(1.0, scale * k) for k in stretch)
+    return replace(fabric, stretch_warp=warp, stretch_weft=weft, stretch_bias=bias)
+
+
 def cascade(mesh: GridMesh) -> list[Grid]:
     """Grids from about 20 mm cells down to the mesh's own, each about half the cell of the one before."""
     columns, rows = mesh.columns - 1, mesh.rows - 1
@@ -124,6 +140,8 @@ class Solver:
         contact = PanelContact.of(
             grid.areas, fabric.density * GRAVITY_M_S2, setup.panel, mechanics.adhesion_pa, mechanics.adhesion_range_m
         )
+        if level is not self.levels[-1] and not pins.overstretched:
+            fabric = softened(fabric, COARSE_STIFFNESS_N_M * (COARSEST_CELL_M / grid.hu) ** 2)
         level.set_up(fabric, mechanics, contact, pins.fixed)
         steps = 0
         if x is None:
