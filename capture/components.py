@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from capture.holes import step_threshold_m
+from capture.holes import step_share
 from capture.picture import Depth
 from renderer.camera import Camera
 
@@ -29,14 +29,14 @@ def surfaces(depth: Depth, camera: Camera) -> tuple[NDArray[np.int32], int]:
     known = depth > 0.0
     node = np.full(depth.shape, -1, dtype=np.int64)
     node[known] = np.arange(int(known.sum()))
-    step = step_threshold_m(depth, camera)
+    step = step_share(camera) * depth
     pairs = []
     for reach in range(1, _REACH_PX + 1):
         for first, second in (
             ((slice(None), slice(None, -reach)), (slice(None), slice(reach, None))),
             ((slice(None, -reach), slice(None)), (slice(reach, None), slice(None))),
         ):
-            joined = known[first] & known[second] & (np.abs(depth[first] - depth[second]) < step)
+            joined = known[first] & known[second] & (np.abs(depth[first] - depth[second]) < step[first])
             pairs.append(np.stack([node[first][joined], node[second][joined]]))
     a, b = np.concatenate(pairs, axis=1)
     size = int(known.sum())

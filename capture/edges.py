@@ -95,9 +95,11 @@ def _height_map(
     x, y = np.meshgrid(np.arange(-cells, cells + 1) * _CELL_M, np.arange(-cells, cells + 1) * _CELL_M)
     pixels = camera.project(middle + x[..., None] * frame[0] + y[..., None] * frame[1])
     height = np.nan_to_num(plane.height(camera.back_project(fill_small_holes(depth, camera))), nan=0.0)
-    smooth = ndimage.gaussian_filter(np.clip(height, -0.02, 0.02), 1.0)
+    # Clipped before it is smoothed, so that a high step does not spread.
+    clipped = ndimage.gaussian_filter(np.clip(ndimage.median_filter(height, 3), -4 * _CLIP_M, 4 * _CLIP_M), 1.0)
     places = [np.nan_to_num(pixels[..., 1], nan=-9.0), np.nan_to_num(pixels[..., 0], nan=-9.0)]
-    return np.clip(ndimage.map_coordinates(smooth, places, order=1, cval=0.0), -_CLIP_M, _CLIP_M)
+    on_panel: NDArray[np.float64] = ndimage.map_coordinates(clipped, places, order=1, cval=0.0)
+    return np.clip(on_panel, -_CLIP_M, _CLIP_M)
 
 
 def _edges(setup: Setup) -> list[_Edge]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from capture.picture import Depth, pixel_footprint_m
+from capture.picture import Depth
 from renderer.camera import Camera
 
 T = TypeVar("T", bound=np.generic)
@@ -18,9 +18,9 @@ STEP_FOOTPRINTS = 6.0
 different surfaces."""
 
 
-def step_threshold_m(depth: Depth, camera: Camera) -> float:
-    """Depth difference of neighbouring pixels [m] from which on they are taken for different surfaces."""
-    return STEP_FOOTPRINTS * pixel_footprint_m(depth, camera)
+def step_share(camera: Camera) -> float:
+    """Depth difference of neighbouring pixels, as a share of their depth, from which on they are different surfaces."""
+    return STEP_FOOTPRINTS / float(np.sqrt(camera.fx * camera.fy))
 
 
 def drop_flying_pixels(depth: Depth, camera: Camera) -> Depth:
@@ -33,13 +33,13 @@ def drop_flying_pixels(depth: Depth, camera: Camera) -> Depth:
     Returns:
         float32 [H, W], 0 where a pixel was taken out.
     """
-    step = step_threshold_m(depth, camera)
+    step = step_share(camera) * depth
     flying = np.zeros(depth.shape, dtype=np.bool_)
     for axis in (0, 1):
         before, here, after = (_along(depth, axis, k) for k in range(3))
         down, up = here - before, after - here
-        between = (down * up > 0.0) & (np.minimum(np.abs(down), np.abs(up)) > step) & (before > 0.0) & (after > 0.0)
-        _along(flying, axis, 1)[...] |= between & (here > 0.0)
+        between = (down * up > 0.0) & (np.minimum(np.abs(down), np.abs(up)) > _along(step, axis, 1))
+        _along(flying, axis, 1)[...] |= between & (before > 0.0) & (here > 0.0) & (after > 0.0)
     return np.where(flying, np.float32(0.0), depth)
 
 
@@ -53,7 +53,7 @@ def fill_small_holes(depth: Depth, camera: Camera, *, reach_px: int = 2) -> Dept
     """Fill pixels without data that have data all around, by a weighted plane through their neighbours.
 
     The plane is fitted to inverse depth, which is exactly linear over the picture for a flat surface. Holes next to a
-    step (more than twice :func:`step_threshold_m` within the window) stay open, and so does everything outside.
+    step (more than twice :func:`step_share` within the window) stay open, and so does everything outside.
 
     Args:
         depth: z-depth [m], float32 [H, W], 0 = no data.
@@ -75,7 +75,7 @@ def fill_small_holes(depth: Depth, camera: Camera, *, reach_px: int = 2) -> Dept
     size = 2 * reach_px + 1
     nearest = ndimage.minimum_filter(np.where(seen, inner, np.float32(np.inf)), size)
     farthest = ndimage.maximum_filter(np.where(seen, inner, np.float32(0.0)), size)
-    wanted &= (farthest - nearest) <= 2.0 * step_threshold_m(depth, camera)
+    wanted &= (farthest - nearest) <= 2.0 * step_share(camera) * farthest
     filled = depth.copy()
     inner_filled = filled[window]
     inner_filled[wanted] = (1.0 / _plane_values(inner, seen, wanted, 0.6 * reach_px + 0.4)).astype(np.float32)

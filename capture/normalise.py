@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from capture.holes import drop_flying_pixels, fill_small_holes, step_threshold_m
+from capture.holes import drop_flying_pixels, fill_small_holes, step_share
 from capture.resample import View, resample
 from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose, ray_directions
 from renderer.pose import check_pose
@@ -126,7 +126,7 @@ def _canonical_depth(
         origin=to_canonical[:3, 3] - rotation @ pose[:3, 3],
         target=CANONICAL_CAMERA,
     )
-    return resample(filled, view, step_threshold_m(filled, camera))
+    return resample(filled, view, step_share(camera))
 
 
 def _fill(height: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import islice
@@ -16,6 +17,8 @@ from capture.documents import FORMAT, CameraDocument, CaptureSetDocument, parse_
 from capture.sources import DepthSource, Frame
 from renderer.atomic import write_atomically
 from simcore.errors import InputError
+
+_NAME = re.compile(r"\w[\w.\-]{0,99}")
 
 MIN_SHARE_OF_FRAMES = 0.5
 """A pixel counts as seen where at least this share of the frames saw it."""
@@ -51,7 +54,7 @@ def temporal_median(frames: Iterable[Frame]) -> Frame:
         raise InputError("the source's frames differ in size: take them with one camera mode", code="frames_differ")
     stack = np.sort(np.stack(taken), axis=0)  # no data first
     seen = np.count_nonzero(stack, axis=0)
-    middle = len(taken) - 1 - seen // 2  # the upper median of the last ``seen`` entries: a value that was measured
+    middle = len(taken) - 1 - seen // 2  # of the last ``seen`` entries the lower median: a value that was measured
     median = np.take_along_axis(stack, np.clip(middle, 0, len(taken) - 1)[None], axis=0)[0]
     return np.where(seen >= max(1.0, MIN_SHARE_OF_FRAMES * len(taken)), median, 0).astype(np.uint16)
 
@@ -72,6 +75,11 @@ def record_capture(source: DepthSource, folder: str | Path, new: NewCapture, *, 
         InputError: no frames, an empty picture, or a set that cannot take the capture.
     """
     folder = Path(folder)
+    if not _NAME.fullmatch(new.fabric):
+        raise InputError(
+            f"fabric {new.fabric!r} names files: use letters, digits, '-', '_' and '.' only",
+            code="fabric_name",
+        )
     if frames < 1:
         raise InputError(f"{frames} frames: at least one is needed", code="no_frames")
     document = _document(folder, source, new)

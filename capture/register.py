@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from capture.edges import align_edges
-from capture.holes import fill_small_holes, step_threshold_m
+from capture.holes import fill_small_holes, step_share
 from capture.picture import Depth
 from capture.plane import Plane
 from capture.segment import ClothRegion
@@ -81,7 +81,7 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
         middle = 0.5 * (corners["top_left"] + corners["top_right"])
         middle -= region.plane.height(middle) * region.plane.normal
         pose, method = align_edges(depth, camera, setup, region.plane, frame, middle), "panel_and_edges"
-        assumed = ["the sample's edges run straight between its pins"]
+        assumed = ["the sample's edges run straight between its pins"]  # right to 1 cm in most pictures, 3 in some
     elif region.plane is not None:
         pose, method = _panel_pose(corners, expected, region.plane), "panel_and_pins"
         assumed = ["the cloth's outermost visible corners are the pinned ones"]
@@ -90,7 +90,7 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
         method = "hanging_pins"
         assumed = ["the two pins are level", "the cloth hangs free and at rest, its weight below the pins"]
     else:
-        pose, method = _rigid_fit(list(expected.values()), list(corners.values())), "three_pins"
+        pose, method = rigid_fit(list(expected.values()), list(corners.values())), "three_pins"
         assumed = ["the three outermost corners of the cloth are the pinned ones"]
     if setup.panel and region.plane is None:
         assumed.append("the panel is hidden: its plane passes through the pins")
@@ -147,13 +147,13 @@ def _panel_pose(
     """
     z = plane.normal
     left, right = (corners[name] - plane.height(corners[name]) * z for name in ("top_left", "top_right"))
-    pose = _rigid_fit([expected["top_left"], expected["top_right"]], [left, right], normal=z)
+    pose = rigid_fit([expected["top_left"], expected["top_right"]], [left, right], normal=z)
     lacking = 0.5 * float(np.linalg.norm(expected["top_right"] - expected["top_left"]) - np.linalg.norm(right - left))
     pose[:3, 3] += np.clip(lacking, 0.0, 0.015) * pose[:3, 1]
     return pose
 
 
-def _rigid_fit(
+def rigid_fit(
     source: list[NDArray[np.float64]], target: list[NDArray[np.float64]], normal: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
     """Rotation and translation that bring points to points in the least-squares sense (Kabsch 1976), float64 [4, 4].
@@ -200,7 +200,7 @@ def _centre_of_mass(depth: Depth, camera: Camera, region: ClothRegion) -> NDArra
     centres, areas = [], []
     for p, q, r in ((a, c, b), (b, c, d)):
         steps = np.ptp(np.stack([p[..., 2], q[..., 2], r[..., 2]]), axis=0)
-        joined = steps < step_threshold_m(filled, camera)  # NaN compares as false
+        joined = steps < step_share(camera) * r[..., 2]  # NaN compares as false
         areas.append(0.5 * np.linalg.norm(np.cross(q[joined] - p[joined], r[joined] - p[joined]), axis=1))
         centres.append((p[joined] + q[joined] + r[joined]) / 3.0)
     weights = np.concatenate(areas)

@@ -43,7 +43,7 @@ class View:
         return x, y, inverse
 
 
-def resample(depth: NDArray[np.floating], view: View, step_m: float) -> NDArray[np.float32]:
+def resample(depth: NDArray[np.floating], view: View, step: float) -> NDArray[np.float32]:
     """Depth picture seen by the target camera.
 
     Neighbouring pixels are joined by triangles; where they are not (a step, or no data on one side), each surface is
@@ -52,7 +52,7 @@ def resample(depth: NDArray[np.floating], view: View, step_m: float) -> NDArray[
     Args:
         depth: source z-depth [m], shape [H, W], 0 = no data.
         view: from source to target.
-        step_m: neighbours whose source depths differ by more are not joined.
+        step: neighbours whose source depths differ by more than this share of the farthest are not joined.
 
     Returns:
         z-depth in the target camera, float32 [target.height, target.width], 0 = nothing drawn. Exact on flat parts:
@@ -63,7 +63,7 @@ def resample(depth: NDArray[np.floating], view: View, step_m: float) -> NDArray[
     with np.errstate(invalid="ignore"):
         near = (np.abs(x - target.cx) < target.cx + _MAX_SPAN_PX) & (np.abs(y - target.cy) < target.cy + _MAX_SPAN_PX)
     usable = near & (depth > 0.0)
-    corners, open_cells = _triangles(usable, depth, step_m)
+    corners, open_cells = _triangles(usable, depth, step)
     nearest = np.zeros(target.height * target.width)
     triangle = tuple([grid.ravel()[k] for k in corners] for grid in (x, y, inverse))
     _draw(triangle[0], triangle[1], triangle[2], target, nearest)
@@ -99,7 +99,7 @@ def _draw_borders(
 
 
 def _triangles(
-    valid: NDArray[np.bool_], depth: NDArray[np.floating], step_m: float
+    valid: NDArray[np.bool_], depth: NDArray[np.floating], step: float
 ) -> tuple[tuple[NDArray[np.int64], ...], NDArray[np.bool_]]:
     """Three corner indices, each int64 [T], and the cells without any triangle, bool [H - 1, W - 1].
 
@@ -122,7 +122,7 @@ def _triangles(
     ):
         farthest = np.maximum(np.maximum(depths[0], depths[1]), depths[2])
         closest = np.minimum(np.minimum(depths[0], depths[1]), depths[2])
-        drawn = mask & (farthest - closest <= step_m)
+        drawn = mask & (farthest - closest <= step * farthest)
         empty &= ~drawn
         first = a[drawn]
         parts.append(tuple(first + step for step in steps))

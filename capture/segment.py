@@ -145,7 +145,8 @@ def _in_front(
     on_panel = smooth[seen & (np.abs(height) < 3.0 * max(plane.rms_m, 1e-4))]
     spread = 1.4826 * float(np.median(np.abs(on_panel - np.median(on_panel)))) if on_panel.size > 100 else 0.0
     low, high = max(LEAST_HEIGHT_M, 4.0 * spread), max(2.0 * LEAST_HEIGHT_M, 8.0 * spread)
-    raised = possible & (smooth > low) & (height > 0.0)
+    # Smoothing carries a step's height beyond the step; a median does not.
+    raised = possible & (smooth > low) & (ndimage.median_filter(height, 3) > 0.4 * smooth)
     labels, count = ndimage.label(raised)
     footprint = pixel_footprint_m(depth, camera)
     area = np.bincount(labels.ravel(), minlength=count + 1) * footprint**2

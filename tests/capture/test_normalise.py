@@ -1,0 +1,164 @@
+"""The canonical view: identity where it should be, exact on planes, right to noise on drapes seen from elsewhere."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from capture.normalise import (
+    CANONICAL_DISTANCE_M,
+    bending_scale,
+    length_scale,
+    normalise_depth,
+    stretch_scale,
+)
+from capture.resample import View, resample
+from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose, ray_directions
+from renderer.depth import panel_depth
+from simcore.errors import InputError
+from simcore.scenes import Scene, Setup
+from tests.capture.sheets import CAMERA, Sheet, make_sheet, turned_pose, with_noise
+
+FINE = Camera(640, 480, 475.0, 475.0, 321.0, 236.0)
+LENS = Camera(640, 480, 475.0, 475.0, 321.0, 236.0, (0.12, -0.2, 0.001, -0.0015, 0.05))
+POSE = turned_pose((2.0, 8.0, 1.5))
+
+
+def heights(sheet: Sheet, *, panel: bool = True) -> NDArray[np.float32]:
+    depth = sheet.depth(CANONICAL_CAMERA, frontal_pose(), panel=panel)
+    return np.where(depth > 0.0, np.float32(CANONICAL_DISTANCE_M) - depth, np.float32(0.0))
+
+
+def away_from_steps(truth: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Pixels more than two from a step in height."""
+    steps = ndimage.maximum_filter(truth, 3) - ndimage.minimum_filter(truth, 3) > 0.012
+    return ~ndimage.binary_dilation(steps, iterations=2)
+
+
+def test_the_canonical_cameras_own_picture_is_only_turned_into_heights(hanging: Sheet) -> None:
+    depth = hanging.depth(CANONICAL_CAMERA, frontal_pose())
+    seen = normalise_depth(depth, CANONICAL_CAMERA, frontal_pose(), hanging.setup)
+    np.testing.assert_array_equal(seen.height, np.float32(CANONICAL_DISTANCE_M) - depth)
+    assert seen.mask.all()
+    assert seen.scene is Scene.HANGING
+    assert seen.length_scale == 1.0
+    assert seen.height.dtype == np.float32
+    assert seen.height.max() == pytest.approx(0.12, abs=0.002)
+    coarser_unit = Camera(256, 256, 320.0, 320.0, 127.5, 127.5, depth_unit_m=1e-3)
+    again = normalise_depth(depth, coarser_unit, frontal_pose(), hanging.setup)
+    np.testing.assert_array_equal(again.height, seen.height)
+
+
+def test_that_is_fast(hanging: Sheet) -> None:
+    """A store is read at hundreds of pictures a second; the bound leaves room for a loaded machine."""
+    depth = with_noise(hanging.depth(CANONICAL_CAMERA, frontal_pose()), 0.001, 0.01)
+    taken = []
+    for _ in range(7):
+        start = time.process_time()
+        normalise_depth(depth, CANONICAL_CAMERA, frontal_pose(), hanging.setup)
+        taken.append(time.process_time() - start)
+    assert min(taken) < 0.05
+
+
+@pytest.mark.parametrize("camera", [FINE, LENS], ids=["pinhole", "distorted"])
+@pytest.mark.parametrize("scene", list(Scene))
+def test_a_drape_seen_from_elsewhere_is_the_same_drape(scene: Scene, camera: Camera) -> None:
+    sheet = make_sheet(scene)
+    seen = normalise_depth(sheet.depth(camera, POSE), camera, POSE, sheet.setup)
+    truth = heights(sheet)
+    inner = away_from_steps(truth) & seen.mask
+    error = 1e3 * (seen.height - truth)
+    assert seen.mask.mean() > 0.99
+    assert np.sqrt(np.mean(error[inner] ** 2)) < 0.15
+    assert np.median(np.abs(error)) < 0.02
+
+
+def test_noise_and_holes_stay_small(hanging: Sheet) -> None:
+    depth = with_noise(hanging.depth(FINE, POSE), 0.001, 0.1)
+    seen = normalise_depth(depth, FINE, POSE, hanging.setup)
+    truth = heights(hanging)
+    inner = away_from_steps(truth)
+    assert seen.mask[inner].mean() > 0.999
+    assert 1e3 * np.sqrt(np.mean((seen.height - truth)[inner] ** 2)) < 1.0
+
+
+@given(st.tuples(st.floats(-12, 12), st.floats(-12, 12), st.floats(-12, 12)), st.floats(0.8, 1.3))
+@settings(max_examples=15, deadline=None)
+def test_a_bare_panel_has_no_height_from_anywhere(turned: tuple[float, float, float], distance_m: float) -> None:
+    pose = turned_pose(turned, distance_m)
+    seen = normalise_depth(panel_depth(CAMERA, pose), CAMERA, pose, Setup.nominal("hanging"))
+    assert seen.mask.mean() > 0.5
+    assert np.abs(seen.height).max() < 2e-5
+
+
+def test_without_a_panel_only_the_cloth_counts(hanging: Sheet) -> None:
+    setup = make_sheet(Scene.HANGING, panel=False).setup
+    depth = hanging.depth(FINE, POSE, panel=False)
+    cloth = depth > 0.0
+    depth[~cloth] = 1.6  # a wall
+    seen = normalise_depth(depth, FINE, POSE, setup, cloth=cloth)
+    truth = heights(hanging, panel=False)
+    there = hanging.depth(CANONICAL_CAMERA, frontal_pose(), panel=False) > 0.0
+    assert (seen.mask != there).mean() < 0.01
+    assert not seen.height[~seen.mask].any()
+    inner = ndimage.binary_erosion(there, iterations=3)
+    assert np.abs(seen.height - truth)[inner].max() < 0.001
+
+
+def test_a_larger_sample_is_scaled_to_the_networks(hanging: Sheet) -> None:
+    large = make_sheet(Scene.HANGING, size_m=0.7)
+    pose = turned_pose((0.0, 5.0, 0.0), distance_m=1.3, aim=(0.0, -0.35, 0.0))
+    seen = normalise_depth(large.depth(FINE, pose), FINE, pose, large.setup)
+    truth = heights(hanging)
+    inner = away_from_steps(truth) & seen.mask
+    assert seen.length_scale == pytest.approx(1.4)
+    assert 1e3 * np.sqrt(np.mean((seen.height - truth)[inner] ** 2)) < 0.2
+
+
+@given(
+    stiffness=st.floats(1e2, 1e4),
+    rigidity=st.floats(1e-6, 1e-3),
+    density=st.floats(0.05, 0.6),
+    size=st.floats(0.2, 1.5),
+)
+def test_scaling_keeps_what_decides_the_shape(stiffness: float, rigidity: float, density: float, size: float) -> None:
+    """k/(rho g L) and B/(rho g L^3) of the real sample and of its 0.5 m equivalent are equal."""
+    scale = length_scale(Setup.nominal("hanging", sample_size_m=(size, size)))
+    weight = density * 9.81
+    equivalent_k, equivalent_b = stiffness / stretch_scale(scale), rigidity / bending_scale(scale)
+    assert equivalent_k / (weight * 0.5) == pytest.approx(stiffness / (weight * size))
+    assert equivalent_b / (weight * 0.5**3) == pytest.approx(rigidity / (weight * size**3))
+
+
+def test_what_does_not_fit_is_refused(hanging: Sheet) -> None:
+    depth = hanging.depth(CAMERA, POSE)
+    with pytest.raises(InputError) as caught:
+        normalise_depth(depth[:10], CAMERA, POSE, hanging.setup)
+    assert caught.value.code == "depth_shape"
+    with pytest.raises(InputError) as caught:
+        normalise_depth(depth, CAMERA, np.eye(4) * 2.0, hanging.setup)
+    assert caught.value.code == "pose"
+    away = turned_pose((0.0, 0.0, 0.0), aim=(40.0, 0.0, 0.0))
+    with pytest.raises(InputError) as caught:
+        normalise_depth(depth, CAMERA, away, hanging.setup)
+    assert caught.value.code == "nothing_in_view"
+
+
+def test_a_surface_in_front_hides_what_is_behind() -> None:
+    camera = Camera(64, 64, 80.0, 80.0, 31.5, 31.5)
+    depth = np.full((64, 64), 1.0, np.float32)
+    depth[20:44, 20:44] = 0.7
+    view = View(ray_directions(camera), np.array([0.05, 0.0, 0.0]), camera)
+    seen = resample(depth, view, 0.05)
+    assert {round(float(z), 4) for z in np.unique(seen)} <= {0.0, 0.7, 1.0}
+    shift = round(0.05 / 0.7 * 80.0)
+    assert seen[32, 20 + shift] == pytest.approx(0.7)
+    assert seen[32, 43 + shift] == pytest.approx(0.7)
+    assert seen[32, 46 + shift] == pytest.approx(1.0)
+    assert (seen[32, 10:60] == 0.0).sum() <= 3  # what the front hid from the source

@@ -1,0 +1,214 @@
+"""Poses found against the poses that made the pictures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from capture.camera_rig import common_pose, share_pose
+from capture.capture_set import CaptureSet
+from capture.prepare import prepare, prepare_all
+from capture.register import Registration, given_registration, register, rigid_fit
+from capture.segment import segment_cloth
+from renderer.pose import invert_pose, pose_from_rotation
+from simcore.errors import InputError
+from simcore.scenes import Scene, Setup
+from tests.capture.conftest import MakeSet
+from tests.capture.sheets import CAMERA, Sheet, make_sheet, turned_pose, with_noise
+
+degrees = st.floats(-10.0, 10.0)
+small = st.floats(-0.05, 0.05)
+
+
+def difference(found: NDArray[np.float64], true: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Shift of the panel [m] and angle [degree] between two poses."""
+    motion = invert_pose(true) @ found
+    return motion[:3, 3], float(np.degrees(np.arccos(np.clip((np.trace(motion[:3, :3]) - 1) / 2, -1, 1))))
+
+
+def find(sheet: Sheet, pose: NDArray[np.float64], setup: Setup, *, panel: bool, noise_m: float = 0.001) -> Registration:
+    depth = with_noise(sheet.depth(CAMERA, pose, panel=panel), noise_m, 0.02)
+    return register(depth, CAMERA, setup, segment_cloth(depth, CAMERA, setup))
+
+
+@given(st.tuples(degrees, degrees, degrees), small, small)
+@settings(max_examples=8, deadline=None, derandomize=True)
+def test_a_turned_camera_is_found_before_a_panel(
+    hanging: Sheet, turned: tuple[float, float, float], x: float, y: float
+) -> None:
+    pose = turned_pose(turned, aim=(x, y - 0.25, 0.0))
+    found = find(hanging, pose, hanging.setup, panel=True)
+    shift, angle = difference(found.camera_from_panel, pose)
+    assert found.method == "panel_and_pins"
+    assert abs(shift[2]) < 0.001
+    assert np.linalg.norm(shift) < 0.015
+    assert angle < 2.0
+
+
+def test_a_turned_camera_is_found_without_a_panel(hanging: Sheet) -> None:
+    setup = make_sheet(Scene.HANGING, panel=False).setup
+    vertices = hanging.vertices
+    flat = replace(hanging, vertices=vertices * (1.0, 1.0, 0.0) + _swing(vertices))
+    pose = turned_pose((3.0, 8.0, -2.0), distance_m=1.2)
+    found = find(flat, pose, setup, panel=False)
+    shift, angle = difference(found.camera_from_panel, pose)
+    assert found.method == "hanging_pins"
+    assert np.linalg.norm(shift) < 0.015
+    assert angle < 2.5
+    assert found.pin_error_m is not None
+    assert found.pin_error_m < 0.01
+
+
+def _swing(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A wave in z whose mean over the sheet is zero and that is zero at the pins."""
+    wave = np.zeros_like(vertices)
+    wave[:, 2] = 0.03 * np.sin(2.0 * np.pi * vertices[:, 1] / 0.5) * np.cos(np.pi * vertices[:, 0] / 0.5)
+    return wave
+
+
+def test_a_stretched_sample_is_found_by_its_edges(stretched: Sheet) -> None:
+    pose = turned_pose((1.0, 4.0, 1.5))
+    found = find(stretched, pose, stretched.setup, panel=True, noise_m=0.0005)
+    shift, angle = difference(found.camera_from_panel, pose)
+    assert found.method == "panel_and_edges"
+    assert found.pin_error_m is None
+    assert np.linalg.norm(shift) < 0.015
+    assert angle < 1.0
+
+
+def test_a_stretched_sample_without_a_panel_is_found_by_three_corners(stretched: Sheet) -> None:
+    setup = make_sheet(Scene.STRETCH, panel=False).setup
+    pose = turned_pose((1.0, 4.0, 1.5))
+    found = find(stretched, pose, setup, panel=False, noise_m=0.0)
+    shift, angle = difference(found.camera_from_panel, pose)
+    assert found.method == "three_pins"
+    assert np.linalg.norm(shift) < 0.012
+    assert angle < 1.5
+
+
+def test_a_hidden_panel_is_told(hanging: Sheet) -> None:
+    found = find(hanging, turned_pose((0.0, 5.0, 0.0)), hanging.setup, panel=False)
+    assert any("hidden" in said for said in found.assumed)
+
+
+def test_a_setup_that_does_not_fit_is_refused(hanging: Sheet) -> None:
+    setup = hanging.setup.with_pins(top_left=(-0.45, 0.0, 0.0), top_right=(0.45, 0.0, 0.0))
+    with pytest.raises(InputError) as caught:
+        find(hanging, turned_pose((0.0, 0.0, 0.0)), setup, panel=True)
+    assert caught.value.code == "pins_not_found"
+
+
+@given(
+    st.lists(st.tuples(small, small, small), min_size=3, max_size=6, unique=True),
+    st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    st.tuples(small, small, st.floats(0.5, 2.0)),
+)
+@settings(max_examples=60, deadline=None)
+def test_rigid_fit_gives_a_rotation_that_is_best(
+    points: list[tuple[float, float, float]], turn: tuple[float, float, float], shift: tuple[float, float, float]
+) -> None:
+    pose = pose_from_rotation(turn, shift)
+    source = [np.asarray(p) for p in points]
+    target = [pose[:3, :3] @ p + pose[:3, 3] for p in source]
+    fit = rigid_fit(source, target)
+    np.testing.assert_allclose(fit[:3, :3] @ fit[:3, :3].T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(fit[:3, :3]) == pytest.approx(1.0)
+    for p, q in zip(source, target, strict=True):
+        np.testing.assert_allclose(fit[:3, :3] @ p + fit[:3, 3], q, atol=1e-8)
+
+
+def registration(pose: NDArray[np.float64]) -> Registration:
+    return replace(given_registration(pose), method="panel_and_pins", assumed=())
+
+
+def test_poses_of_one_camera_are_put_together_and_a_stray_one_is_left_out() -> None:
+    true = turned_pose((1.0, 2.0, 0.0))
+    rng = np.random.default_rng(0)
+    poses = []
+    for _ in range(5):
+        pose = true @ pose_from_rotation(rng.normal(0, 0.003, 3), rng.normal(0, 0.002, 3))
+        poses.append(pose)
+    poses.append(true @ pose_from_rotation((0.0, 0.0, 0.3), (0.1, 0.0, 0.0)))
+    common = common_pose(poses)
+    assert common is not None
+    shift, angle = difference(common, true)
+    assert np.linalg.norm(shift) < 0.004
+    assert angle < 0.3
+    assert common_pose([true, turned_pose((0.0, 0.0, 0.0), distance_m=1.4)]) is None
+
+
+def test_hanging_pictures_give_the_pose_of_stretched_ones() -> None:
+    true = turned_pose((1.0, 2.0, 0.0))
+
+    def never() -> Registration:
+        raise AssertionError("not needed")
+
+    shared = share_pose([Scene.STRETCH, Scene.HANGING, Scene.STRETCH], [never, lambda: registration(true), never])
+    assert len(shared) == 3
+    for one in shared:
+        np.testing.assert_allclose(one.camera_from_panel, true, atol=1e-9)
+        assert "1 gave its pose" in one.assumed[-1]
+
+
+def test_a_moved_camera_keeps_its_poses_and_failures_are_raised() -> None:
+    a, b = turned_pose((0.0, 0.0, 0.0)), turned_pose((0.0, 9.0, 0.0), distance_m=1.2)
+    kept = share_pose([Scene.HANGING] * 2, [lambda: registration(a), lambda: registration(b)])
+    np.testing.assert_array_equal(kept[1].camera_from_panel, b)
+
+    def fails() -> Registration:
+        raise InputError("no corners", code="pins_not_found")
+
+    with pytest.raises(InputError, match="no corners"):
+        share_pose([Scene.HANGING], [fails])
+
+
+def test_a_set_without_a_pose_is_prepared(make_set: MakeSet) -> None:
+    true = turned_pose((2.0, 5.0, 1.0))
+    captures = CaptureSet.load(make_set()).captures
+    hung, pulled = prepare_all(captures)
+    for one in (hung, pulled):
+        shift, angle = difference(one.registration.camera_from_panel, true)
+        assert np.linalg.norm(shift) < 0.01
+        assert angle < 1.5
+        assert one.network_input.height.shape == (256, 256)
+    assert 0.09 < hung.network_input.height.max() < 0.14
+    alone = prepare(captures[1])
+    assert alone.registration.method == "panel_and_edges"
+
+
+def test_the_failing_capture_is_named(make_set: MakeSet) -> None:
+    def change(document: dict[str, object]) -> None:
+        document["setup"] = {"pins_m": {"hanging": {"top_left": [-0.6, 0, 0], "top_right": [0.6, 0, 0]}}}
+
+    captures = CaptureSet.load(make_set(change)).captures
+    with pytest.raises(InputError, match="f1-hanging-0") as caught:
+        list(prepare_all(captures[:1]))
+    assert caught.value.code == "pins_not_found"
+
+
+def test_the_real_capture_is_registered(shared_dir: Path) -> None:
+    prepared = list(prepare_all(CaptureSet.load(shared_dir / "real" / "phisft-r1").captures))
+    for one in prepared:
+        pose = one.registration.camera_from_panel
+        assert 4.0 < np.degrees(np.arccos(-pose[2, 2])) < 9.0
+        assert one.registration.pin_error_m is not None
+        assert one.registration.pin_error_m < 0.012
+        assert one.network_input.length_scale == pytest.approx(1.1)
+        assert np.abs(one.network_input.height).max() < 0.06
+
+
+@pytest.mark.slow
+def test_the_shared_cases_are_registered_as_they_were_taken(shared_dir: Path) -> None:
+    captures = CaptureSet.load(shared_dir / "cases" / "open-1").captures
+    unknown = [replace(capture, camera_from_panel=None) for capture in captures[:8:2]]
+    for one, capture in zip(prepare_all(unknown), captures[:8:2], strict=True):
+        assert capture.camera_from_panel is not None
+        shift, angle = difference(one.registration.camera_from_panel, capture.camera_from_panel)
+        assert np.linalg.norm(shift) < 0.005
+        assert angle < 0.5
