@@ -41,14 +41,16 @@ def open_location(url: str | Path, *, read_only: bool) -> ZarrStore:
     Raises:
         InputError: a URL that obstore does not know, or unusable settings.
     """
-    from zarr.storage import LocalStore, ObjectStore
+    from zarr.storage import LocalStore
 
     if not is_remote(url):
         return LocalStore(local_path(url), read_only=read_only)
     import obstore.exceptions
     from obstore.store import from_url
 
-    patience = timedelta(seconds=float(os.environ.get("DRAPEMETER_STORE_RETRY_S", "120")))
+    from renderer.store_remote import PatientObjectStore, patience_s
+
+    patience = timedelta(seconds=patience_s())
     options: Any = {"timeout": timedelta(seconds=60), "connect_timeout": timedelta(seconds=10)}
     if str(url).startswith("http://") or os.environ.get("AWS_ENDPOINT_URL", "").startswith("http://"):
         options["allow_http"] = True
@@ -56,7 +58,7 @@ def open_location(url: str | Path, *, read_only: bool) -> ZarrStore:
         store = from_url(str(url), client_options=options, retry_config={"retry_timeout": patience, "max_retries": 20})
     except (obstore.exceptions.BaseError, ValueError) as error:
         raise InputError(f"{url}: not a place for a store ({_first_line(error)})", code="store_url") from None
-    return ObjectStore(store, read_only=read_only)
+    return PatientObjectStore(store, read_only=read_only)
 
 
 @contextmanager

@@ -61,6 +61,21 @@ class ShardRows:
         """Rows of several runs of simulations, one after the other."""
         return cls(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)})
 
+    def simulation(self, place: int, pictures: int) -> ShardRows:
+        """Rows of one simulation.
+
+        Args:
+            place: of the simulation in this shard.
+            pictures: samples of a simulation.
+        """
+        per_simulation = ("vertices", "residual", "energy")
+        rows = slice(place * pictures, (place + 1) * pictures)
+        parts = {
+            f.name: getattr(self, f.name)[slice(place, place + 1) if f.name in per_simulation else rows]
+            for f in fields(self)
+        }
+        return ShardRows(**parts)
+
 
 class StoreWriter:
     """Writes whole shards of one store.
@@ -220,6 +235,8 @@ def _recording(url: str | Path) -> tuple[WrapperStore[Any], dict[str, bytes]]:
             digests[key] = hashlib.sha256(value.to_bytes()).digest()
 
         async def set_if_not_exists(self, key: str, value: Buffer) -> None:
-            await self._store.set_if_not_exists(key, value)
+            # Not every S3 server knows conditional writes; what is written so (metadata) is the same each time.
+            if not await self._store.exists(key):
+                await self._store.set(key, value)
 
     return RecordingStore(open_location(url, read_only=False)), digests

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,7 @@ from simcore.errors import InputError
 
 if TYPE_CHECKING:
     from services.dataset.configuration import SweepConfiguration
+    from services.dataset.cost import CostEstimate
     from services.dataset.fabrics import FabricTable
 
 JSON_OPTION = typer.Option(False, "--json", help="One JSON document on standard output.")
@@ -24,6 +27,8 @@ def register(app: typer.Typer) -> None:
     group.callback(invoke_without_command=True)(dataset)
     group.command("inspect")(inspect)
     group.command("validate")(validate)
+    group.command("merge")(merge)
+    group.command("export")(export)
     app.add_typer(group, name="dataset")
 
 
@@ -45,7 +50,10 @@ def dataset(
         None, "--address", help="Running Ray cluster (auto, host:port); else a local one."
     ),
     workers: int | None = typer.Option(None, "--workers", min=1, help="Worker processes; default: all CPUs."),
+    recycle: int = typer.Option(2000, "--recycle", min=1, help="Simulations after which a worker is replaced."),
+    sensor: str = typer.Option("ideal", "--sensor", help="ideal, or sr300: what the depth camera adds."),
     resume: bool = typer.Option(False, "--resume", help="Finish a store that was interrupted."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Only say what the sweep would cost."),
     json_output: bool = JSON_OPTION,
 ) -> None:
     """Sweep fabrics, scenes and repeats into a store of depth pictures, on Ray.
@@ -61,8 +69,6 @@ def dataset(
     """
     if context.invoked_subcommand is not None:
         return
-    if out is None:
-        raise InputError("say where the store shall be: --out store.zarr", code="out_missing")
     from services.dataset.fabrics import plan_sweep
 
     configuration, table = plan_sweep(
@@ -77,8 +83,15 @@ def dataset(
         ranges=parse_ranges(ranges),
         time_limit_s=time_limit,
         simulations_per_shard=shard_simulations,
+        sensor=sensor,
     )
-    sweep(out, configuration, table, resume=resume, address=address, workers=workers, json_output=json_output)
+    if dry_run:
+        say_cost(configuration, workers, json_output)
+        return
+    if out is None:
+        raise InputError("say where the store shall be: --out store.zarr", code="out_missing")
+    placement = Placement(address, workers, recycle)
+    sweep(out, configuration, table, placement, resume=resume, json_output=json_output)
 
 
 def parse_ranges(texts: list[str]) -> dict[str, tuple[float, float]]:
@@ -100,29 +113,62 @@ def parse_ranges(texts: list[str]) -> dict[str, tuple[float, float]]:
     return ranges
 
 
+@dataclass(frozen=True)
+class Placement:
+    """Where and on how many processes a sweep runs; no bit of the store depends on it."""
+
+    address: str | None
+    workers: int | None
+    recycle_after: int
+
+
+def say_cost(configuration: SweepConfiguration, workers: int | None, json_output: bool) -> None:
+    """Print what a sweep would cost."""
+    from services.dataset.cost import estimate_cost
+
+    cost = estimate_cost(configuration, workers or os.cpu_count() or 1)
+    if json_output:
+        console.emit_json(cost)
+    else:
+        console.say(describe_cost(cost))
+
+
+def describe_cost(cost: CostEstimate) -> str:
+    """One line for people."""
+    return (
+        f"{cost.simulations} simulations, {cost.pictures} pictures: about {cost.core_hours:.2g} core hours, "
+        f"{cost.hours:.2g} h on {cost.workers} workers, {cost.gigabytes:.2g} GB"
+    )
+
+
 def sweep(
     out: str,
     configuration: SweepConfiguration,
     table: FabricTable,
+    placement: Placement,
     *,
     resume: bool,
-    address: str | None,
-    workers: int | None,
     json_output: bool,
 ) -> None:
     """Run the sweep under a progress bar and print its summary."""
     from services.dataset.sweep import run_sweep
 
     with console.progress("simulations", total=configuration.layout.simulations) as bar:
+
+        def begin(cost: CostEstimate) -> None:
+            console.note(describe_cost(cost))
+            bar.update(total=cost.simulations)
+
         summary = run_sweep(
             out,
             configuration,
             table,
             resume=resume,
-            address=address,
-            workers=workers,
+            address=placement.address,
+            workers=placement.workers,
+            recycle_after=placement.recycle_after,
             listen=lambda word: bar.advance(),
-            begin=lambda simulations: bar.update(total=simulations),
+            begin=begin,
         )
     if json_output:
         console.emit_json(summary)
@@ -186,3 +232,54 @@ def validate(store: str = STORE_ARGUMENT, json_output: bool = JSON_OPTION) -> No
             console.say(f"  {fault}")
     if not report.valid:
         raise typer.Exit(1)
+
+
+def merge(
+    stores: list[str] = typer.Argument(help="Two or more complete stores."),
+    out: str = typer.Option(..., "--out", help="The new store."),
+    json_output: bool = JSON_OPTION,
+) -> None:
+    """Join stores with the same scenes, repeats, inclinations and mesh into one.
+
+    \b
+    Example:
+      drapemeter dataset merge one.zarr two.zarr --out both.zarr
+    """
+    from renderer.store import Store
+    from services.dataset.merge import merge_stores
+    from services.dataset.sweep import count_failures
+
+    sources = [Store.open(store) for store in stores]
+    with console.progress("shards") as bar:
+        merged = merge_stores(sources, out, listen=lambda shard: bar.advance())
+    if json_output:
+        console.emit_json(
+            {"samples": len(merged), "failed": count_failures(merged), "materials": merged.layout.materials}
+        )
+        return
+    console.say(f"{len(merged)} samples of {merged.layout.materials} fabrics in {out}")
+
+
+def export(
+    store: str = STORE_ARGUMENT,
+    out: Path = typer.Option(..., "--out", help="New folder for samples.csv and the pictures."),
+    shaded: bool = typer.Option(False, "--shaded", help="Also draw the drapes as white cloth on black."),
+    limit: int | None = typer.Option(None, "--limit", min=1, help="Only the first so many samples."),
+    json_output: bool = JSON_OPTION,
+) -> None:
+    """Write a store as 16-bit PNG depth pictures and a CSV table.
+
+    \b
+    Example:
+      drapemeter dataset export store.zarr --out pictures/ --shaded --limit 100
+    """
+    from renderer.store import Store
+    from services.dataset.export import export_store
+
+    opened = Store.open(store)
+    with console.progress("shards", total=opened.shards) as bar:
+        count = export_store(opened, out, shaded=shaded, limit=limit, listen=lambda shard: bar.advance())
+    if json_output:
+        console.emit_json({"samples": count, "folder": out})
+        return
+    console.say(f"{count} samples in {out}")

@@ -13,8 +13,10 @@ from renderer.store import RowStatus, Store, StoreWriter, store_exists
 from renderer.store_location import is_remote, local_path
 from services.dataset.cluster import ray_cluster
 from services.dataset.configuration import SweepConfiguration, differences, software_version
+from services.dataset.cost import CostEstimate, estimate_cost
 from services.dataset.dispatch import Dispatcher, DispatchOptions
 from services.dataset.fabrics import FabricTable
+from services.dataset.metrics import SweepMetrics
 from services.dataset.worker import SimulationDone
 from simcore.errors import InputError
 
@@ -82,7 +84,7 @@ def run_sweep(
     workers: int | None = None,
     recycle_after: int = 2000,
     listen: Callable[[SimulationDone], None] = lambda word: None,
-    begin: Callable[[int], None] = lambda simulations: None,
+    begin: Callable[[CostEstimate], None] = lambda cost: None,
 ) -> SweepSummary:
     """Simulate and render a whole sweep into a store.
 
@@ -93,7 +95,7 @@ def run_sweep(
         address, workers: see :func:`~services.dataset.cluster.ray_cluster`.
         recycle_after: simulations after which a worker's process is replaced.
         listen: called after each simulation.
-        begin: called once with the number of simulations to do.
+        begin: called once before the work, with what it will cost; not when nothing is left to do.
 
     Raises:
         InputError: bad input; nothing was damaged.
@@ -102,11 +104,18 @@ def run_sweep(
     started = time.monotonic()
     place = str(url) if is_remote(url) else str(local_path(url).absolute())
     shards = prepare_store(place, configuration, resume=resume)
-    begin(sum(len(configuration.layout.shard_simulations(shard)) for shard in shards))
     if shards:
         with ray_cluster(address, workers) as count:
+            metrics = SweepMetrics()
+
+            def hear(word: SimulationDone) -> None:
+                metrics.count(word)
+                listen(word)
+
+            remaining = sum(len(configuration.layout.shard_simulations(shard)) for shard in shards)
+            begin(estimate_cost(configuration, count, remaining))
             options = DispatchOptions(workers=min(count, len(shards)), recycle_after=recycle_after)
-            Dispatcher(place, configuration, fabrics, options, listen).run(shards)
+            Dispatcher(place, configuration, fabrics, options, hear).run(shards)
     store = Store.open(place)
     return SweepSummary(len(store), count_failures(store), time.monotonic() - started)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.fabrics import FabricTable, plan_sweep
@@ -13,6 +14,7 @@ from services.dataset.shard import ShardTask
 from services.dataset.sweep import prepare_store
 from services.dataset.worker import ShardWorker
 
+Place = TypeVar("Place", Path, str)
 PROGRAM = [sys.executable, "-c", "from services.cli.main import main; main()"]
 SWEEP = "dataset --materials 10 --jitters 1 --inclinations 2 --resolution 0.05 --seed 4 --shard-simulations 3"
 COMMAND = [*PROGRAM, *shlex.split(SWEEP), "--workers", "2"]
@@ -27,14 +29,19 @@ def small_sweep(**settings: Any) -> tuple[SweepConfiguration, FabricTable]:
     return plan_sweep(**(chosen | {"resolution_m": 0.05} | settings))
 
 
-def write_without_ray(folder: Path, configuration: SweepConfiguration, fabrics: FabricTable) -> Path:
+def write_without_ray(place: Place, configuration: SweepConfiguration, fabrics: FabricTable) -> Place:
     """The store of a sweep, made in this process by one worker, shard after shard."""
-    worker = ShardWorker(str(folder), configuration)
+    work_off(str(place), configuration, fabrics, prepare_store(str(place), configuration, resume=False))
+    return place
+
+
+def work_off(url: str, configuration: SweepConfiguration, fabrics: FabricTable, shards: Iterable[int]) -> None:
+    """Write some shards of a store in this process."""
+    worker = ShardWorker(url, configuration)
     layout = configuration.layout
-    for shard in prepare_store(str(folder), configuration, resume=False):
+    for shard in shards:
         materials = [layout.address(number)[0] for number in layout.shard_simulations(shard)]
         list(worker.run(ShardTask(shard, fabrics.parameters(materials), {})))
-    return folder
 
 
 def files(folder: Path) -> dict[str, bytes]:

@@ -1,0 +1,124 @@
+"""A store as plain files: 16-bit PNG pictures and a CSV table."""
+
+from __future__ import annotations
+
+import csv
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from renderer.depth_png import dequantise_depth, write_depth_png
+from renderer.store import RowStatus, ShardRows, Store
+from renderer.store_format import DEPTH_UNIT_M, SCENE_NAMES
+from simcore.errors import InputError
+from simcore.mesh import GridMesh
+from simcore.parameters import PARAMETER_NAMES
+
+COLUMNS = (
+    "sample", "depth", "shaded", "material", "scene", "jitter", "inclination_deg", "status", "reason", "seed",
+    *PARAMETER_NAMES,
+)  # fmt: skip
+
+
+def export_store(
+    store: Store,
+    folder: Path,
+    *,
+    shaded: bool = False,
+    limit: int | None = None,
+    listen: Callable[[int], None] = lambda shard: None,
+) -> int:
+    """Write ``samples.csv`` (every finished sample, failures too) and ``depth/*.png`` (0.1 mm counts, 0 = no data).
+
+    Args:
+        store: complete or not; unfinished samples are left out.
+        folder: must not exist; it appears when it is complete.
+        shaded: also draw ``shaded/*.png`` from the stored drapes, white Lambertian cloth on black.
+        limit: only the first so many samples.
+        listen: called after each shard.
+
+    Returns:
+        Number of samples in the table.
+
+    Raises:
+        InputError: the folder exists or cannot be written.
+    """
+    part = folder.with_name(folder.name + ".part")
+    if folder.exists():
+        raise InputError(f"{folder}: is there already; choose another folder", code="export_exists")
+    draw = _shader(store) if shaded else None
+    try:
+        shutil.rmtree(part, ignore_errors=True)
+        (part / "depth").mkdir(parents=True)
+        if shaded:
+            (part / "shaded").mkdir()
+        with (part / "samples.csv").open("w", newline="", encoding="utf-8") as table:
+            writer = csv.DictWriter(table, COLUMNS)
+            writer.writeheader()
+            count = _write_samples(store, part, writer, draw, len(store) if limit is None else limit, listen)
+        part.rename(folder)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror})", code="export_not_writable") from error
+    return count
+
+
+def _write_samples(
+    store: Store,
+    folder: Path,
+    table: csv.DictWriter[str],
+    draw: Callable[[Any, float], Any] | None,
+    limit: int,
+    listen: Callable[[int], None],
+) -> int:
+    count = 0
+    for shard in range(store.shards):
+        if store.complete[shard]:
+            rows, first = store.read_shard(shard), store.rows(shard).start
+            for place in range(min(len(rows.status), max(0, limit - first))):
+                table.writerow(_write_sample(folder, rows, place, first + place, draw, store.layout.pictures))
+                count += 1
+        listen(shard)
+    return count
+
+
+def _write_sample(
+    folder: Path, rows: ShardRows, place: int, sample: int, draw: Callable[[Any, float], Any] | None, pictures: int
+) -> dict[str, Any]:
+    from PIL import Image
+
+    usable = rows.status[place] == RowStatus.OK
+    row: dict[str, Any] = {
+        "sample": sample,
+        "depth": "",
+        "shaded": "",
+        "material": rows.material[place],
+        "scene": SCENE_NAMES[int(rows.scene[place])],
+        "jitter": rows.jitter[place],
+        "inclination_deg": float(rows.inclination_deg[place]),
+        "status": RowStatus(int(rows.status[place])).label,
+        "reason": rows.reason[place],
+        "seed": rows.seed[place],
+    }
+    row |= {name: repr(float(rows.parameters[place, i])) for i, name in enumerate(PARAMETER_NAMES)}
+    if usable:
+        row["depth"] = f"depth/{sample:09d}.png"
+        write_depth_png(folder / row["depth"], dequantise_depth(rows.depth[place], DEPTH_UNIT_M), DEPTH_UNIT_M)
+    if usable and draw is not None:
+        row["shaded"] = f"shaded/{sample:09d}.png"
+        picture = draw(rows.vertices[place // pictures], row["inclination_deg"])
+        Image.fromarray(picture).save(folder / row["shaded"])
+    return row
+
+
+def _shader(store: Store) -> Callable[[Any, float], Any]:
+    """A function that draws a drape at an inclination."""
+    from renderer.shade import ShadedRenderer
+
+    stored = store.attributes["configuration"]
+    mesh = GridMesh((stored["merged"][0] if "merged" in stored else stored)["resolution_m"])
+    renderer = ShadedRenderer(CANONICAL_CAMERA)
+    return lambda vertices, inclination: renderer.render(
+        vertices, mesh.triangles, mesh.uv, frontal_pose(), inclination_deg=inclination
+    )

@@ -1,0 +1,37 @@
+"""Counters for Ray's dashboard and its Prometheus end point."""
+
+from __future__ import annotations
+
+import time
+
+from services.dataset.worker import SimulationDone
+
+
+class SweepMetrics:
+    """Counts what workers say; made on the driver after Ray is up."""
+
+    def __init__(self) -> None:
+        from ray.util.metrics import Counter, Gauge, Histogram
+
+        self._simulations = Counter(
+            "drapemeter_simulations_total", "Simulations by how they ended.", tag_keys=("status",)
+        )
+        self._shards = Counter("drapemeter_shards_total", "Shards stored.")
+        self._memory = Gauge("drapemeter_worker_rss_bytes", "Memory a worker holds.", tag_keys=("worker",))
+        self._seconds = Histogram(
+            "drapemeter_simulation_seconds",
+            "Wall-clock time of a simulation with its pictures.",
+            boundaries=[0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0],
+        )
+        self._last: dict[int, float] = {}
+
+    def count(self, word: SimulationDone) -> None:
+        """Take one word of a worker."""
+        now = time.monotonic()
+        if word.process_id in self._last:
+            self._seconds.observe(now - self._last[word.process_id])
+        self._last[word.process_id] = now
+        self._simulations.inc(tags={"status": word.status.label})
+        self._memory.set(word.rss_bytes, tags={"worker": str(word.process_id)})
+        if word.stored:
+            self._shards.inc()
