@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from metric.draping import DrapeRequest, RequestResult, run_request
 from metric.render import DrapeRender
 from metric.render_cache import RenderCache
+from metric.workers import run_in_processes
 from simcore.errors import InputError, SimulationError
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene
@@ -113,7 +111,7 @@ def simulate_fabrics(
         on_done: called after each simulation.
 
     Raises:
-        SimulationError: a simulation did not come to rest in any attempt.
+        SimulationError: a simulation did not come to rest in any attempt, or a worker process died.
     """
     firsts = list(first_repeats) if first_repeats is not None else [0] * len(fabrics)
     requests = [
@@ -150,12 +148,7 @@ def local_runner(workers: int) -> Runner:
         if count <= 1:
             yield from map(run_request, requests)
             return
-        with _pool(count) as pool:
-            pending: set[Future[RequestResult]] = {pool.submit(run_request, r) for r in requests}
-            while pending:
-                done, pending = wait(pending, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield future.result()
+        yield from run_in_processes(run_request, requests, count)
 
     return run
 
@@ -163,16 +156,6 @@ def local_runner(workers: int) -> Runner:
 def usable_cores() -> int:
     """Cores this process may use."""
     return len(os.sched_getaffinity(0))
-
-
-@contextmanager
-def _pool(count: int) -> Iterator[ProcessPoolExecutor]:
-    # Spawn: the child of a fork hangs in Taichi. One worker = one process = one Taichi runtime.
-    pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"))
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _within(request: DrapeRequest, first: int, plan: SimulationPlan) -> bool:

@@ -1,0 +1,72 @@
+"""Worker processes: results, errors, death, and that none is left behind."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+
+import pytest
+
+from metric.workers import run_in_processes
+from simcore.errors import InputError, SimulationError
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def fail(number: int) -> int:
+    if number == 2:
+        raise InputError("two cannot be used", code="two")
+    return number
+
+
+def crash(number: int) -> int:
+    if number == 1:
+        raise ZeroDivisionError("a mistake")
+    return number
+
+
+def die(number: int) -> int:
+    os._exit(9)
+
+
+def dawdle(number: int) -> int:
+    time.sleep(0 if number == 0 else 60)
+    return number
+
+
+@pytest.fixture(autouse=True)
+def nobody_left() -> object:
+    yield
+    assert multiprocessing.active_children() == []
+
+
+def test_every_item_once() -> None:
+    assert sorted(run_in_processes(square, range(7), 2)) == [n * n for n in range(7)]
+
+
+def test_errors_keep_their_code() -> None:
+    with pytest.raises(InputError, match="two") as caught:
+        list(run_in_processes(fail, [0, 1, 2], 1))
+    assert caught.value.code == "two"
+
+
+def test_a_mistake_shows_where() -> None:
+    with pytest.raises(RuntimeError, match="ZeroDivisionError: a mistake"):
+        list(run_in_processes(crash, [1], 1))
+
+
+def test_a_dead_worker_is_said() -> None:
+    with pytest.raises(SimulationError, match="exit code 9") as caught:
+        list(run_in_processes(die, [1], 1))
+    assert caught.value.code == "worker_died"
+
+
+def test_workers_stop_at_once_when_nobody_wants_more() -> None:
+    results = run_in_processes(dawdle, [0, 1, 2], 2)
+    started = time.monotonic()
+    assert next(results) == 0
+    results.close()
+    assert time.monotonic() - started < 30
