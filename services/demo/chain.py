@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from services.demo import captures, drapes, fabrics, learning
+from metric.simulate import usable_cores
+from services.demo import captures, drapes, fabrics, gap, learning
 from services.demo.plan import DemoPlan
 from services.demo.steps import StepClock, prepare_folder
 from simcore.scenes import Scene
 from trainer.model import TrainedModel
 
-STEPS = 6
+STEPS = 7
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class DemoResult:
         error, error_of_mean: mean absolute error of the logarithm on held-out materials, of the network and of
             predicting the training mean.
         distances: between the named fabrics.
+        gap: what the diagnosis said of captures in a draft.
         seconds: of each step.
     """
 
@@ -33,6 +35,7 @@ class DemoResult:
     error: float
     error_of_mean: float
     distances: drapes.DistanceMatrix
+    gap: gap.GapSummary
     seconds: dict[str, float]
 
 
@@ -77,6 +80,17 @@ def run_chain(out: Path, plan: DemoPlan) -> DemoResult:
         estimates = learning.estimate(out / "model", out / "captures")
     with clock.step("drape distances", 2 * plan.simulations * len(fabrics.NAMED)) as bar:
         distances = drapes.distances(out / "distances.png", plan.coarse_m, plan.simulations, plan.seed, bar.advance)
+    with clock.step("diagnose captures taken in a draft", 2 * plan.repeats * len(gap.FABRICS)) as bar:
+        gap.drafty_captures(
+            out / "drafty",
+            repeats=plan.repeats,
+            resolution_m=plan.coarse_m,
+            seed=plan.seed + 2,
+            on_done=bar.advance,
+        )
+        found = gap.explain(
+            out / "drafty", out / "report", resolution_m=plan.coarse_m, workers=min(usable_cores(), len(gap.FABRICS))
+        )
     error, error_of_mean = errors(model)
     return DemoResult(
         samples=summary.samples,
@@ -85,6 +99,7 @@ def run_chain(out: Path, plan: DemoPlan) -> DemoResult:
         error=error,
         error_of_mean=error_of_mean,
         distances=distances,
+        gap=found,
         seconds=clock.seconds,
     )
 

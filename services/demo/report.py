@@ -42,4 +42,6 @@ def print_summary(result: DemoResult, page: Path) -> None:
     if matrix.notice:
         console.say(matrix.notice)
     console.say()
+    console.say(f"captures in a draft: {result.gap.sentence}")
+    console.say()
     console.say(f"pictures and tables: {page}")

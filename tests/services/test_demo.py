@@ -13,7 +13,7 @@ from services.demo.plan import DemoPlan
 from services.demo.steps import MARKER, prepare_folder
 from simcore.errors import InputError
 
-TINY = DemoPlan(fine_m=0.05, coarse_m=0.05, materials=10, epochs=1, simulations=2)
+TINY = DemoPlan(fine_m=0.05, coarse_m=0.05, materials=10, epochs=1, simulations=2, repeats=2)
 
 
 @pytest.mark.slow
@@ -34,7 +34,7 @@ def test_a_tiny_demonstration_leaves_what_its_page_shows(
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "stands in" in page
     shown = re.findall(r'(?:src|href)="([^"]+)"', page)
-    assert {"sweep.png", "distances.png", "hanging-depth.png", "stretch-shaded.png"} <= set(shown)
+    assert {"sweep.png", "distances.png", "report/report.html", "hanging-depth.png", "stretch-shaded.png"} <= set(shown)
     for name in shown:
         assert (out / name).stat().st_size > 0, name
     assert json.loads((out / MARKER).read_text(encoding="utf-8"))["samples"] == document["samples"]
