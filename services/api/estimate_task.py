@@ -35,7 +35,7 @@ def estimate_pictures(
         MissingResourceError: the model cannot be read.
     """
     from capture.capture_set import CaptureSet
-    from capture.prepare import prepare
+    from capture.prepare import prepare_all
 
     estimator = _load(model)
     with tempfile.TemporaryDirectory(prefix="drapemeter-estimate-") as folder:
@@ -44,8 +44,8 @@ def estimate_pictures(
         (Path(folder) / "captures.json").write_text(document, encoding="utf-8")
         inputs: dict[Any, list[Any]] = {}
         try:
-            for capture in CaptureSet.load(folder, read_pictures=False).captures:
-                inputs.setdefault(capture.scene, []).append(prepare(capture).network_input)
+            for prepared in prepare_all(CaptureSet.load(folder, read_pictures=False).captures):
+                inputs.setdefault(prepared.capture.scene, []).append(prepared.network_input)
         except InputError as error:
             # The caller knows names of fields, not of our folders.
             raise InputError(str(error).replace(f"{folder}/", ""), code=error.code) from None

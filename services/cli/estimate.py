@@ -94,12 +94,12 @@ def estimate_fabric(captures: CaptureSet, fabric_id: str, density: float, estima
         InputError: a capture that cannot be used.
     """
     from capture.normalise import NetworkInput
-    from capture.prepare import prepare
+    from capture.prepare import prepare_all
     from simcore.scenes import Scene
 
     inputs: dict[Scene | str, list[NetworkInput]] = {}
-    for capture in captures.of_fabric(fabric_id):
-        inputs.setdefault(capture.scene, []).append(prepare(capture).network_input)
+    for prepared in prepare_all(captures.of_fabric(fabric_id)):
+        inputs.setdefault(prepared.capture.scene, []).append(prepared.network_input)
     return estimator.estimate(dict(inputs), density)
 
 
