@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from simcore.parameters import FabricParameters
 
 COUPLING = 0.3
-"""Share of sqrt(B_warp B_weft) that couples the two curvatures where the bias rigidity leaves the choice (a Poisson ratio)."""
+"""Share of sqrt(B_warp B_weft) that couples the two curvatures where the bias rigidity leaves the choice."""
 ADMISSIBLE = 0.98
 
 

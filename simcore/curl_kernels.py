@@ -26,7 +26,7 @@ def frame(x: ti.template(), m: ti.template(), j, i):
 
 @ti.kernel
 def curl_energy(x: array3, m: array3) -> ti.f64:
-    """Energy [J]; ``m`` [rows, columns, 2] holds area * moment / h², zero where the second difference leaves the grid."""
+    """Energy [J]; ``m`` [rows, columns, 2]: area * moment / h², zero where a second difference leaves the grid."""
     total = ti.cast(0.0, ti.f64)
     ti.loop_config(serialize=True)
     for j in range(x.shape[0]):
@@ -107,16 +107,16 @@ def curl_hessian(x: array3, m: array3, blend: ti.f64, fixed: ints2, slot: ints3,
             for k in range(5):
                 wk = weights(m, j, i, k)
                 kj, ki = neighbour(k, j, i, rows, columns)
-                for l in range(5):
-                    wl = weights(m, j, i, l)
-                    lj, li = neighbour(l, j, i, rows, columns)
-                    dj, di = lj - kj, li - ki
+                for o in range(5):
+                    wo = weights(m, j, i, o)
+                    oj, oi = neighbour(o, j, i, rows, columns)
+                    dj, di = oj - kj, oi - ki
                     after = dj > 0 or (dj == 0 and di >= 0)
-                    if after and fixed[kj, ki] == 0 and fixed[lj, li] == 0:
+                    if after and fixed[kj, ki] == 0 and fixed[oj, oi] == 0:
                         block = (
-                            wk[0] * (wl[1] * pa + wl[2] * pd)
-                            + wk[1] * (wl[0] * pa.transpose() + wl[1] * aa + wl[2] * ad)
-                            + wk[2] * (wl[0] * pd.transpose() + wl[1] * ad.transpose() + wl[2] * dd)
+                            wk[0] * (wo[1] * pa + wo[2] * pd)
+                            + wk[1] * (wo[0] * pa.transpose() + wo[1] * aa + wo[2] * ad)
+                            + wk[2] * (wo[0] * pd.transpose() + wo[1] * ad.transpose() + wo[2] * dd)
                         )
                         # offset (dj, di) to its number in grid.OFFSETS
                         where = 0

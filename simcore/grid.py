@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 OFFSETS: tuple[tuple[int, int], ...] = ((0, 0), (0, 1), (0, 2), (1, -1), (1, 0), (1, 1), (2, 0))
-"""(rows, columns) from a vertex to the neighbours after it that its Hessian row couples with: 13-point stencil, upper half."""
+"""(rows, columns) from a vertex to the neighbours after it in its Hessian row: upper half of a 13-point stencil."""
 
 
 @dataclass(frozen=True)
@@ -75,16 +75,24 @@ class Grid:
 
 
 def _second_difference_products(grid: Grid) -> tuple[NDArray[np.float64], ...]:
-    """Upper-half stencils of sum of area * x_uu.x_uu, x_vv.x_vv, 2 x_uu.x_vv and 4 x_uv.x_uv (each a quadratic form)."""
+    """Upper-half stencils of the sums of area * x_uu.x_uu, x_vv.x_vv, 2 x_uu.x_vv and 4 x_uv.x_uv."""
     import scipy.sparse as sp
 
     rows, columns = grid.rows, grid.columns
 
-    def second(n: int, h: float) -> sp.csr_matrix:
-        return sp.diags_array([np.ones(n - 2), np.full(n - 2, -2.0), np.ones(n - 2)], offsets=[0, 1, 2], shape=(n - 2, n)).tocsr() / h**2  # fmt: skip
+    def band(n: int, *values: float) -> sp.csr_array:
+        """Each row holds the values one after the other, starting on the diagonal; shape [n - len + 1, n]."""
+        rows_out = n - len(values) + 1
+        dense = np.zeros((rows_out, n))
+        for k, value in enumerate(values):
+            dense += value * np.eye(rows_out, n, k)
+        return sp.csr_array(dense)
 
-    def first(n: int, h: float) -> sp.csr_matrix:
-        return sp.diags_array([np.full(n - 1, -1.0), np.ones(n - 1)], offsets=[0, 1], shape=(n - 1, n)).tocsr() / h
+    def second(n: int, h: float) -> sp.csr_array:
+        return band(n, h**-2, -2.0 * h**-2, h**-2)
+
+    def first(n: int, h: float) -> sp.csr_array:
+        return band(n, -1.0 / h, 1.0 / h)
 
     def weights(n: int, h: float) -> NDArray[np.float64]:
         w = np.full(n, h)

@@ -7,7 +7,6 @@ Names: ``a`` = x_u and ``b`` = x_v at a cell's centre, ``q`` the cell's twist di
 across the cell. A cell's corners are 0 (j, i), 1 (j, i+1), 2 (j+1, i), 3 (j+1, i+1).
 """
 
-
 from simcore.lang import ti
 
 vec3 = ti.types.vector(3, ti.f64)
@@ -84,9 +83,7 @@ def material_response(e, s: ti.template()):
 def rotation(s: ti.template()):
     """Rows: material strains as a function of the grid's (E_uu, E_vv, 2 E_uv)."""
     c, n = s[COS], s[SIN]
-    return mat3(
-        [[c * c, n * n, c * n], [n * n, c * c, -c * n], [-2.0 * c * n, 2.0 * c * n, c * c - n * n]]
-    )
+    return mat3([[c * c, n * n, c * n], [n * n, c * c, -c * n], [-2.0 * c * n, 2.0 * c * n, c * c - n * n]])
 
 
 @ti.kernel
@@ -220,7 +217,8 @@ def membrane_stress(x: array3, step: array3, length: ti.f64, s: array1, stress: 
 def membrane_cell_hessians(x: array3, s: array1, stress: array3, blend: ti.f64, cell: array3):
     """Second derivatives of each cell by (a/(2hu), b/(2hv), q): blocks aa, ab, aq, bb, bq, qq; [rows-1, columns-1, 54].
 
-    ``stress`` is that of :func:`membrane_stress`; ``blend`` 1 gives the exact Hessian for it, 0 a positive semi-definite one.
+    ``stress`` is that of :func:`membrane_stress`; ``blend`` 1 gives the exact Hessian for it, 0 one that is positive
+    semi-definite.
     """
     area = s[HU] * s[HV]
     eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])

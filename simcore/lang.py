@@ -17,7 +17,7 @@ from typing import Any
 os.environ.setdefault("TI_LOG_LEVEL", "error")
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
-import taichi as ti  # noqa: E402  (the two settings above must be made first)
+import taichi as ti
 
 __all__ = ["start", "ti"]
 

@@ -13,8 +13,8 @@ from simcore.bending import PlateRigidity
 from simcore.contact import PanelContact
 from simcore.grid import BendingForms, Grid
 from simcore.mechanics import Mechanics
-from simcore.pardiso import Factorisation
 from simcore.parameters import FabricParameters
+from simcore.pardiso import Factorisation
 
 Array = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def rest_moments(grid: Grid, plate: PlateRigidity, mechanics: Mechanics) -> Arra
     size = ((grid.columns - 1) * grid.hu, (grid.rows - 1) * grid.hv)
     fields = [field.evaluate(u, v, size) for field in mechanics.rest_curvature]
     weft, warp = sum(f[0] for f in fields), sum(f[1] for f in fields)
-    # the plate couples its curvatures at inner vertices only: coupled at the border too, a free sheet would not be at rest
+    # the plate couples its curvatures at inner vertices only: coupled at the border too, a free sheet would not rest
     coupled = np.zeros((grid.rows, grid.columns))
     coupled[1:-1, 1:-1] = plate.coupling * grid.hu * grid.hv
     moments = np.zeros((grid.rows, grid.columns, 2))
@@ -88,15 +88,16 @@ class Level:
         self.fixed = np.zeros((rows, columns), dtype=np.int32)
         self.extra_force: Array = np.zeros(grid.shape)
 
-    def set_up(self, fabric: FabricParameters, mechanics: Mechanics, contact: PanelContact, fixed: NDArray[np.int32]) -> None:
+    def set_up(
+        self, fabric: FabricParameters, mechanics: Mechanics, contact: PanelContact, fixed: NDArray[np.int32]
+    ) -> None:
         """Choose what is solved next: fabric, mechanics, contact and the held vertices (int32, 1 = held)."""
         angle = mechanics.off_grain_rad
         plate = PlateRigidity.of(fabric).turned(angle)
         stiffening = 0.0 if mechanics.stiffening_strain is None else mechanics.stiffening_strain**-2
-        self.membrane = np.array(
-            [fabric.stretch_weft, fabric.stretch_warp, fabric.stretch_bias, math.cos(angle), math.sin(angle), stiffening,
-             self.grid.hu, self.grid.hv]
-        )  # fmt: skip
+        stretch = (fabric.stretch_weft, fabric.stretch_warp, fabric.stretch_bias)
+        turn = (math.cos(angle), math.sin(angle))
+        self.membrane = np.array([*stretch, *turn, stiffening, self.grid.hu, self.grid.hv])
         self.bending = self.forms.stencil(plate.weft, plate.warp, plate.coupling, plate.twist)
         self.loads = Load.of(self.grid, fabric, mechanics)
         self.moments = rest_moments(self.grid, plate, mechanics)
@@ -149,9 +150,7 @@ class Level:
             self._cell_hessians, self.bending, vertex, self.fixed, self._slot, self._indptr, stiffness, self._values
         )
         if self.moments is not None and blend > 0.0:
-            curl_kernels.curl_hessian(
-                x, self.moments, blend, self.fixed, self._slot, self._indptr, self._values
-            )
+            curl_kernels.curl_hessian(x, self.moments, blend, self.fixed, self._slot, self._indptr, self._values)
         return self.factorisation.factor(self._values)
 
     def solve(self, right: Array) -> Array:

@@ -140,7 +140,14 @@ class Mechanics:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        numbers = (*self.gravity, self.air_pressure_pa, self.off_grain_rad, self.hem_kg_m, self.adhesion_pa, self.friction)
+        numbers = (
+            *self.gravity,
+            self.air_pressure_pa,
+            self.off_grain_rad,
+            self.hem_kg_m,
+            self.adhesion_pa,
+            self.friction,
+        )
         if not all(math.isfinite(n) for n in numbers) or not any(self.gravity):
             raise InputError("mechanics need finite numbers and some gravity", code="mechanics")
         if self.stiffening_strain is not None and not self.stiffening_strain > 0.0:

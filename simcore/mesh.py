@@ -15,8 +15,8 @@ from simcore.errors import InputError
 class GridMesh:
     """A rectangular sample cut into square cells.
 
-    Vertex ``(j, i)`` of ``rows x columns`` has material coordinates ``u = i * resolution`` from the left edge along weft
-    and ``v = j * resolution`` from the top edge along warp, both [m]; its flat index is ``j * columns + i``.
+    Vertex ``(j, i)`` of ``rows x columns`` has material coordinates ``u = i * resolution`` from the left edge along
+    weft and ``v = j * resolution`` from the top edge along warp, both [m]; its flat index is ``j * columns + i``.
 
     Attributes:
         resolution_m: edge of a cell [m].
@@ -67,7 +67,7 @@ class GridMesh:
 
     @cached_property
     def triangles(self) -> NDArray[np.int32]:
-        """Two triangles a cell with alternating diagonals, counter-clockwise seen from +z, int32, shape [2 * cells, 3]."""
+        """Two triangles a cell, alternating diagonals, counter-clockwise seen from +z; int32, shape [2 * cells, 3]."""
         j, i = np.meshgrid(np.arange(self.rows - 1), np.arange(self.columns - 1), indexing="ij")
         a = (j * self.columns + i).ravel()  # top left
         b, c, d = a + 1, a + self.columns, a + self.columns + 1  # top right, bottom left, bottom right
@@ -79,4 +79,4 @@ class GridMesh:
     @cached_property
     def uv(self) -> NDArray[np.float64]:
         """Texture coordinates in [0, 1], shape [vertex_count, 2]."""
-        return self.material_coordinates / np.asarray(self.size_m)
+        return np.asarray(self.material_coordinates / np.asarray(self.size_m), dtype=np.float64)

@@ -20,6 +20,7 @@ MEMORY = 6
 WORTH = 0.06
 """An L-BFGS step that lowers the energy by less than this share of the factorisation's own step is the last."""
 
+
 @dataclass(frozen=True)
 class NewtonOptions:
     """How far and how long.

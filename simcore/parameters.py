@@ -66,7 +66,9 @@ class FabricParameters:
         for name in PARAMETER_NAMES:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-                raise InputError(f"{name} must be a number [{UNITS[name]}], got {value!r}", code="parameter_not_a_number")
+                raise InputError(
+                    f"{name} must be a number [{UNITS[name]}], got {value!r}", code="parameter_not_a_number"
+                )
             value = float(value)
             low, high = LIMITS[name]
             if not math.isfinite(value) or not low <= value <= high:
@@ -135,7 +137,7 @@ def read_json_object(path: str | Path, what: str) -> dict[str, Any]:
     try:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give the JSON file that holds the {what}", code="file_missing") from None
+        raise InputError(f"{path}: no such file; give the JSON file of the {what}", code="file_missing") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as text ({error})", code="file_unreadable") from None
     try:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import os
-import sys
+import weakref
 from functools import cache
 from importlib import metadata
 
@@ -37,6 +37,18 @@ def _pointer(array: NDArray[np.generic]) -> ctypes.c_void_p:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
+def _release(handle: NDArray[np.int64], settings: NDArray[np.int32], n: int) -> None:
+    def reference(value: int) -> ctypes._CArgObject:
+        return ctypes.byref(ctypes.c_int(value))
+
+    unused = np.zeros(1)
+    none = _pointer(unused)
+    _library().pardiso(
+        _pointer(handle), reference(1), reference(1), reference(_REAL_SYMMETRIC_INDEFINITE), reference(-1), reference(n),
+        none, none, none, none, reference(1), _pointer(settings), reference(0), none, none, reference(0),
+    )  # fmt: skip
+
+
 class Factorisation:
     """LDLᵀ of a symmetric matrix whose pattern stays and whose values change.
 
@@ -59,8 +71,12 @@ class Factorisation:
         self._permutation = np.zeros(self.n, dtype=np.int32)
         self._unused = np.zeros(1)
         self._call(11)
+        # gives PARDISO's memory back with the object; at the end of the process the system does
+        weakref.finalize(self, _release, self._handle, self._settings, self.n).atexit = False
 
-    def _call(self, phase: int, right: NDArray[np.float64] | None = None, out: NDArray[np.float64] | None = None) -> int:
+    def _call(
+        self, phase: int, right: NDArray[np.float64] | None = None, out: NDArray[np.float64] | None = None
+    ) -> int:
         def reference(value: int) -> ctypes._CArgObject:
             return ctypes.byref(ctypes.c_int(value))
 
@@ -96,7 +112,3 @@ class Factorisation:
         out = np.empty_like(right)
         self._call(33, right, out)
         return out
-
-    def __del__(self) -> None:
-        if not sys.is_finalizing() and getattr(self, "_handle", None) is not None and self._handle.any():
-            self._call(-1)

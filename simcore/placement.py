@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from simcore.grid import Grid
 from simcore.level import Level
 from simcore.mechanics import Jitter
-from simcore.scenes import Setup, Vector3
+from simcore.scenes import Setup
 
 Array = NDArray[np.float64]
 STEPS = 60
@@ -101,14 +101,10 @@ class Perturbation:
         return values / scale if scale > 0.0 else values
 
 
-def pin_home(setup: Setup, perturbation: Perturbation) -> dict[str, Vector3]:
-    """Where the pins of this repeat really are [m]."""
-    moved = (np.asarray(place) + move for place, move in zip(setup.pins_m.values(), perturbation.pin_moves, strict=True))
-    return {name: (float(p[0]), float(p[1]), float(p[2])) for name, p in zip(setup.pins_m, moved, strict=True)}
-
-
 def put_up(level: Level, pins: Pins, perturbation: Perturbation) -> tuple[Array, int]:
-    """Swing the sample from flat to near rest by implicit Euler steps (Baraff and Witkin 1998), random forces dying out.
+    """Swing the sample from flat to near rest by implicit Euler steps (Baraff and Witkin 1998).
+
+    The random forces die out while the pins come home.
 
     Returns:
         Positions [rows, columns, 3] and the number of steps.

@@ -71,7 +71,7 @@ class Setup:
         if set(self.pins_m) != names:
             raise InputError(f"scene {self.scene} needs pins {', '.join(PIN_NAMES[self.scene])}", code="pins_missing")
         for name, place in self.pins_m.items():
-            if len(place) != 3 or not all(math.isfinite(c) for c in place):
+            if len(tuple(place)) != 3 or not all(math.isfinite(c) for c in place):
                 raise InputError(f"pin {name} needs three finite coordinates [m], got {place}", code="pin_position")
 
     @classmethod

@@ -11,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore import lang
+from simcore.contact import REACH_M, PanelContact
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import InputError
 from simcore.grid import Grid
+from simcore.level import Level
 from simcore.mechanics import Jitter, Mechanics
 from simcore.mesh import GridMesh
 from simcore.newton import Newton, NewtonOptions, Rest
 from simcore.parameters import FabricParameters
+from simcore.placement import Perturbation, Pins, put_up
 from simcore.scenes import GRAVITY_M_S2, Setup
 
 Array = NDArray[np.float64]
@@ -68,8 +71,6 @@ class Solver:
 
     def __init__(self, mesh: GridMesh) -> None:
         lang.start()
-        from simcore.level import Level
-
         self.mesh = mesh
         self.levels = [Level(grid) for grid in cascade(mesh)]
 
@@ -102,10 +103,12 @@ class Solver:
         Raises:
             InputError: the set-up's sample is not the mesh's, or ``start`` is of another mesh.
         """
-        from simcore.placement import Perturbation
-
         if any(abs(a - b) > 1e-9 for a, b in zip(setup.sample_size_m, self.mesh.size_m, strict=True)):
-            raise InputError(f"the mesh is for a sample of {self.mesh.size_m} m, the set-up has {setup.sample_size_m} m")
+            raise InputError(
+                f"the mesh is for a sample of {self.mesh.size_m} m, the set-up has {setup.sample_size_m} m: "
+                "make the mesh for the sample",
+                code="mesh_mismatch",
+            )
         if start is not None and start.mesh != self.mesh:
             raise InputError("a drape can only be continued on the mesh it was made on", code="mesh_mismatch")
         began = time.process_time()
@@ -127,14 +130,15 @@ class Solver:
         return self._drape(rest, levels[-1].energy(x), iterations, time.process_time() - began, deadline)
 
     def _begin(
-        self, level: object, x: Array | None, fabric: FabricParameters, setup: Setup, mechanics: Mechanics, perturbation: object
+        self,
+        level: Level,
+        x: Array | None,
+        fabric: FabricParameters,
+        setup: Setup,
+        mechanics: Mechanics,
+        perturbation: Perturbation,
     ) -> tuple[Array, int]:
-        """Set a level up for the fabric and give it positions to start from."""
-        from simcore.contact import REACH_M, PanelContact
-        from simcore.level import Level
-        from simcore.placement import Perturbation, Pins, put_up
-
-        assert isinstance(level, Level) and isinstance(perturbation, Perturbation)
+        """Set a level up for the fabric and give it positions to start from, with the steps that took."""
         grid = level.grid
         pins = Pins.of(grid, setup, perturbation.pin_moves)
         contact = PanelContact.of(
@@ -165,6 +169,7 @@ class Solver:
             status, reason = DrapeStatus.DIVERGED, "positions are not finite"
         elif not rest.converged:
             status = DrapeStatus.NOT_STILL
-            late = time.process_time() > deadline
-            reason = "time limit" if late else f"residual {rest.residual:.2g} vertex weights after {rest.iterations} steps"
+            reason = f"residual {rest.residual:.2g} vertex weights after {rest.iterations} steps"
+            if time.process_time() > deadline:
+                reason = f"time limit; {reason}"
         return Drape(self.mesh, vertices, status, rest.residual, energy, rest.stable, iterations, seconds, reason)
