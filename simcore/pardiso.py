@@ -44,8 +44,8 @@ def _release(handle: NDArray[np.int64], settings: NDArray[np.int32], n: int) -> 
     unused = np.zeros(1)
     none = _pointer(unused)
     _library().pardiso(
-        _pointer(handle), reference(1), reference(1), reference(_REAL_SYMMETRIC_INDEFINITE), reference(-1), reference(n),
-        none, none, none, none, reference(1), _pointer(settings), reference(0), none, none, reference(0),
+        _pointer(handle), reference(1), reference(1), reference(_REAL_SYMMETRIC_INDEFINITE), reference(-1),
+        reference(n), none, none, none, none, reference(1), _pointer(settings), reference(0), none, none, reference(0),
     )  # fmt: skip
 
 
