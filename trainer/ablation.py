@@ -37,6 +37,7 @@ def ladder(base: TrainConfig, *, pretrained: bool) -> dict[str, TrainConfig]:
         inclinations="upright",
         pretrained=False,
         fusion_training="single",
+        mirror=0.0,
     )
     steps = {"baseline": step}
     steps["+ simulation augmentation"] = step = replace(step, inclinations="as_seen")
@@ -48,7 +49,8 @@ def ladder(base: TrainConfig, *, pretrained: bool) -> dict[str, TrainConfig]:
     steps["+ registered heights"] = step = replace(step, inclinations="registered")
     steps["+ fused training"] = step = replace(step, fusion_training="subsets")
     steps["+ targets over weight"] = step = replace(step, network=replace(step.network, targets="log_per_weight"))
-    steps["+ height channel"] = replace(step, network=replace(step.network, height_channel=True))
+    steps["+ height channel"] = step = replace(step, network=replace(step.network, height_channel=True))
+    steps["+ mirrored hanging"] = replace(step, mirror=0.5)
     return steps
 
 

@@ -110,6 +110,7 @@ class TrainConfig:
             from the same two passes through the trunk (ours).
         inclinations: ``upright`` - only the pictures that are not tilted; ``registered`` - the tilted ones too, heights
             over the tilted panel, as registration leaves them; ``as_seen`` - the tilted ones with their slope (paper).
+        mirror: share of the hanging pictures shown in the mirror; the scene is symmetric (ours).
         pretrained: start the trunk from ImageNet weights (see ``trainer.pretrained``).
         train_share, calibration_share: shares of the materials to learn from and to calibrate the intervals on; the
             rest is for testing.
@@ -120,6 +121,7 @@ class TrainConfig:
     augment: AugmentConfig = field(default_factory=AugmentConfig)
     fusion_training: FusionTraining = "single"
     inclinations: Inclinations = "registered"
+    mirror: float = 0.0
     pretrained: bool = False
     epochs: int = 20
     batch_size: int = 32
@@ -145,6 +147,8 @@ class TrainConfig:
                 "test on: let them sum to less than 1",
                 code="split_shares",
             )
+        if not 0.0 <= self.mirror <= 1.0:
+            raise InputError(f"mirror {self.mirror} must be a share from 0 to 1", code="mirror")
         if not (self.learning_rate > 0 and self.threads >= 1 and self.workers >= 0):
             raise InputError("learning rate and threads must be positive, workers not negative", code="training_rate")
 

@@ -10,6 +10,7 @@ PRESETS: dict[str, TrainConfig] = {
     "standard": TrainConfig(
         network=NetworkConfig(input_size=128, height_channel=True, targets="log_per_weight"),
         fusion_training="subsets",
+        mirror=0.5,
     ),
     # As published: equalised depth alone, single pictures, ImageNet weights, full size, pictures tilted as seen.
     "paper": TrainConfig(pretrained=True, inclinations="as_seen"),
@@ -19,6 +20,7 @@ PRESETS: dict[str, TrainConfig] = {
             input_size=64, trunk_width=0.25, hidden=(64,), height_channel=True, targets="log_per_weight"
         ),
         fusion_training="subsets",
+        mirror=0.5,
         learning_rate=3e-3,
         epochs=12,
         pictures_per_epoch=2000,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from copy import deepcopy
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from simcore.scenes import Scene
 from trainer.augment import Augmenter
 from trainer.calibrate import calibrate
 from trainer.config import TrainConfig
@@ -29,6 +31,7 @@ SUBSETS: dict[str, tuple[tuple[int, ...], ...]] = {"single": ((0,), (1,)), "subs
 
 _AUGMENT_STREAM, _WEIGHTS_STREAM = 3, 4
 SPREAD_LOSS_WEIGHT = 0.1
+_HANGING = SCENES.index(Scene.HANGING)
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,7 @@ def train(
     source: PictureSource,
     config: TrainConfig = TrainConfig(),
     *,
+    start: TrainedModel | None = None,
     provenance: dict[str, Any] | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> TrainedModel:
@@ -71,14 +75,15 @@ def train(
 
     Args:
         source: pictures with their parameters.
-        config: every choice.
+        config: every choice; the network's are the earlier model's where there is one.
+        start: an earlier model to go on from, with its scaling of the targets; left as it is.
         provenance: where the pictures came from, kept with the model.
         report: called after each step.
 
     Raises:
         InputError: too few materials, or fewer shards than loaders.
     """
-    return finish(learn(source, config, provenance=provenance, report=report))
+    return finish(learn(source, config, start=start, provenance=provenance, report=report))
 
 
 def learn(
@@ -86,6 +91,7 @@ def learn(
     config: TrainConfig,
     *,
     partition: Partition = Partition(),
+    start: TrainedModel | None = None,
     provenance: dict[str, Any] | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> Learnt:
@@ -95,17 +101,25 @@ def learn(
         partition: this process's share of the shards, when several train together (``torch.distributed`` is up then).
     """
     torch.set_num_threads(config.threads)
+    if start is not None:
+        config = replace(config, network=start.config.network)
     table = source.table()
     split = split_of(table, config)
     training = training_pictures(table, split, config)
     check_lanes(training, partition.world_size * max(1, config.workers))
-    scaling = TargetScaling.fit(training.material_parameters(), config.network.targets)
-    network, base = build_network(config)
+    record: dict[str, Any] = {"data": provenance or {}, "torch": torch.__version__}
+    if start is None:
+        scaling = TargetScaling.fit(training.material_parameters(), config.network.targets)
+        network, base = build_network(config)
+        record["base_weights"] = asdict(base) if base else None
+    else:
+        scaling, network = start.scaling, deepcopy(start.network)
+        record["base_weights"] = start.provenance.get("base_weights")
+        record["start"] = {"model_version": start.version, "provenance": start.provenance}
     broadcast_state(network, partition)
     stream = PairStream(source, training, size=config.network.input_size, seed=config.seed, partition=partition)
     pairs = batches(stream, max(1, config.batch_size // len(SCENES)), config.workers)
     fit(network, pairs, steps_of(training, config, partition), config, scaling, partition=partition, report=report)
-    record = {"data": provenance or {}, "base_weights": asdict(base) if base else None, "torch": torch.__version__}
     return Learnt(config, network, source, table, split, scaling, record)
 
 
@@ -173,8 +187,8 @@ def fit(
     with torch.random.fork_rng(devices=[]):  # dropout draws from the global generator
         torch.manual_seed(_seed(config.seed, _AUGMENT_STREAM, partition.rank))
         for step, batch in zip(range(steps), pairs, strict=False):
-            flat = batch.pictures[batch.present]
-            flat = augment(flat, _seed(config.seed, _AUGMENT_STREAM, partition.rank, step))
+            seed = _seed(config.seed, _AUGMENT_STREAM, partition.rank, step)
+            flat = augment(mirror_hanging(batch.pictures, config.mirror, seed)[batch.present], seed)
             features = pooled_by_scene(network, network_images(flat, config.network), batch.present)
             error, spread_loss = losses(network, features, batch, scaling, SUBSETS[config.fusion_training])
             optimiser.zero_grad(set_to_none=True)
@@ -189,6 +203,20 @@ def fit(
                 report(Progress(step + 1, steps, recent))
     average_statistics(network, partition)
     network.eval()
+
+
+def mirror_hanging(pictures: Tensor, share: float, seed: int) -> Tensor:
+    """Show a share of the hanging pictures in the mirror: the scene is symmetric and so are orthotropic fabrics.
+
+    Args:
+        pictures: shape [pairs, scenes, 1, H, W].
+    """
+    if not share:
+        return pictures
+    drawn = np.random.default_rng(np.random.SeedSequence(seed)).random(len(pictures)) < share
+    chosen = torch.from_numpy(drawn)[:, None, None, None]
+    hanging = torch.where(chosen, pictures[:, _HANGING].flip(-1), pictures[:, _HANGING])
+    return torch.stack([hanging if s == _HANGING else pictures[:, s] for s in range(pictures.shape[1])], dim=1)
 
 
 def pooled_by_scene(network: DrapeNetwork, images: Tensor, present: Tensor) -> Features:

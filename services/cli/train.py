@@ -33,6 +33,7 @@ def train(
     trunk_width: float | None = typer.Option(None, "--trunk-width", help="Channels as a share of ResNet-18's."),
     pictures: int | None = typer.Option(None, "--pictures", help="Pictures of an epoch, at most; 0 = all."),
     pretrained: bool | None = typer.Option(None, "--pretrained/--scratch", help="Start from ImageNet weights."),
+    start: Path | None = typer.Option(None, "--start", help="Model to go on from, with its network and scaling."),
     seed: int = typer.Option(0, "--seed", help="Of split, weights, order and augmentation."),
     threads: int = typer.Option(1, "--threads", help="CPU threads of the network."),
     workers: int = typer.Option(0, "--workers", help="Processes that read the store; 0 = this one."),
@@ -51,6 +52,7 @@ def train(
     Example:
       drapemeter train --store store.zarr --out model/ --epochs 10
     """
+    from trainer.model import load_model
     from trainer.presets import preset_config
 
     asked = {
@@ -63,9 +65,10 @@ def train(
     }
     config = preset_config(preset).with_values(asked, {"input_size": input_size, "trunk_width": trunk_width})
     check_out(out)
+    earlier = load_model(start) if start is not None else None
     started = time.monotonic()
     with console.progress("training") as bar:
-        model = run(store, config, ranks, address, show_on(bar), tensorboard)
+        model = run(store, config, earlier, ranks, address, show_on(bar), tensorboard)
     version = model.save(out)
     report(model, out, version, time.monotonic() - started, json_output)
 
@@ -96,12 +99,13 @@ def show_on(bar: console.ProgressBar) -> Callable[[Progress], None]:
 def run(
     store: str,
     config: TrainConfig,
+    start: TrainedModel | None,
     ranks: int,
     address: str | None,
     show: Callable[[Progress], None],
     tensorboard: Path | None,
 ) -> TrainedModel:
-    """Train here or on Ray, tracked by TensorBoard if a folder is given."""
+    """Train here or on Ray, from scratch or from an earlier model, tracked by TensorBoard if a folder is given."""
     from services.training.job import train_on_ray
     from trainer.store_source import StoreSource
     from trainer.tracking import TensorBoardLog
@@ -110,10 +114,10 @@ def run(
     log = TensorBoardLog(tensorboard, show) if tensorboard is not None else None
     report_step = log.report if log is not None else show
     if ranks:
-        model = train_on_ray(store, config, ranks=ranks, address=address, report=report_step)
+        model = train_on_ray(store, config, ranks=ranks, address=address, start=start, report=report_step)
     else:
         source = StoreSource(store, config.inclinations)
-        model = train_here(source, config, provenance=source.provenance(), report=report_step)
+        model = train_here(source, config, start=start, provenance=source.provenance(), report=report_step)
     if log is not None:
         log.finish(model.metrics, config.epochs)
     return model

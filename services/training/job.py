@@ -23,11 +23,13 @@ class TrainingRank:
     Args:
         store: URL that every node reaches.
         config: the run.
+        start: an earlier model to go on from.
         rank, world_size: which of how many.
     """
 
-    def __init__(self, store: str, config: TrainConfig, rank: int, world_size: int) -> None:
-        self._store, self._config, self._rank, self._world_size = store, config, rank, world_size
+    def __init__(self, store: str, config: TrainConfig, start: TrainedModel | None, rank: int, world_size: int) -> None:
+        self._store, self._config, self._start = store, config, start
+        self._rank, self._world_size = rank, world_size
         self._progress: Progress | None = None
 
     def meeting_place(self) -> str:
@@ -75,6 +77,7 @@ def train_on_ray(
     *,
     ranks: int = 1,
     address: str | None = None,
+    start: TrainedModel | None = None,
     report: Callable[[Progress], None] | None = None,
 ) -> TrainedModel:
     """Train as a Ray job.
@@ -87,6 +90,7 @@ def train_on_ray(
         config: the run.
         ranks: processes that train together.
         address: of a running cluster; None starts one here.
+        start: an earlier model to go on from.
         report: called with rank 0's progress now and then.
 
     Raises:
@@ -96,7 +100,7 @@ def train_on_ray(
         raise InputError(f"{ranks} ranks: give at least 1", code="ranks")
     _check_store(store, config, ranks)
     with ray_cluster(address, ranks * config.threads):
-        return _train(store, config, ranks, report)
+        return _train(store, config, start, ranks, report)
 
 
 def _check_store(store: str, config: TrainConfig, ranks: int) -> None:
@@ -109,12 +113,18 @@ def _check_store(store: str, config: TrainConfig, ranks: int) -> None:
     check_lanes(training_pictures(table, split_of(table, config), config), ranks * max(1, config.workers))
 
 
-def _train(store: str, config: TrainConfig, ranks: int, report: Callable[[Progress], None] | None) -> TrainedModel:
+def _train(
+    store: str,
+    config: TrainConfig,
+    start: TrainedModel | None,
+    ranks: int,
+    report: Callable[[Progress], None] | None,
+) -> TrainedModel:
     import ray
     from ray.exceptions import RayTaskError
 
     actor_class: Any = ray.remote(TrainingRank).options(num_cpus=config.threads, max_concurrency=2)
-    actors = [actor_class.remote(store, config, rank, ranks) for rank in range(ranks)]
+    actors = [actor_class.remote(store, config, start, rank, ranks) for rank in range(ranks)]
     try:
         place = ray.get(actors[0].meeting_place.remote())
         runs = [actor.run.remote(place) for actor in actors]

@@ -17,7 +17,7 @@ from trainer.evaluate import Metrics
 from trainer.inference import extract_pairs
 from trainer.model import TrainedModel, load_model
 from trainer.presets import PRESETS
-from trainer.train import Progress, train
+from trainer.train import Progress, mirror_hanging, train
 
 from .analytic import AnalyticSource
 
@@ -125,19 +125,24 @@ def test_configurations_survive_json_and_are_checked() -> None:
             NetworkConfig(**bad)
 
 
-def test_two_ranks_with_one_gradient(tiny_config: TrainConfig) -> None:
-    """Averaged gradients are what one process would have had from both halves."""
-    from trainer.dataset import Partition
-    from trainer.train import build_network, steps_of
+def test_going_on_from_a_model(tiny_model: TrainedModel, tiny_config: TrainConfig) -> None:
+    before = tiny_model.version
+    config = replace(tiny_config, epochs=1, network=NetworkConfig(), learning_rate=1e-6)
+    further = train(SHORT, config, start=tiny_model)
+    assert further.scaling == tiny_model.scaling and further.config.network == tiny_model.config.network
+    assert further.provenance["start"]["model_version"] == before == tiny_model.version != further.version
+    old, new = (m.network.trunk.conv1.weight for m in (tiny_model, further))
+    assert torch.allclose(old, new, atol=1e-3)
 
-    table = SHORT.table()
-    one, two = (steps_of(table, tiny_config, Partition(0, n)) for n in (1, 2))
-    assert one >= two >= one // 2
-    first, _ = build_network(tiny_config)
-    second, _ = build_network(tiny_config)
-    assert all(
-        torch.equal(a, b) for a, b in zip(first.state_dict().values(), second.state_dict().values(), strict=True)
-    )
+
+def test_only_hanging_pictures_are_mirrored() -> None:
+    pictures = torch.arange(2 * 2 * 9, dtype=torch.float32).reshape(2, 2, 1, 3, 3)
+    mirrored = mirror_hanging(pictures, 1.0, seed=0)
+    assert torch.equal(mirrored[:, 0], pictures[:, 0].flip(-1)) and torch.equal(mirrored[:, 1], pictures[:, 1])
+    assert torch.equal(mirror_hanging(pictures, 0.0, seed=0), pictures)
+    many = torch.arange(3.0).repeat(1000, 2, 1, 1, 1)
+    half = (mirror_hanging(many, 0.5, seed=1)[:, 0, 0, 0, 0] == 2).float().mean()
+    assert 0.4 < float(half) < 0.6
 
 
 def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path) -> None:
