@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metric.render import DrapeRender
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
@@ -77,10 +78,14 @@ def run_request(request: DrapeRequest) -> RequestResult:
 
 def render_drape(drape: Drape) -> DrapeRender:
     """Both pictures of a drape as the metric sees it: one camera, one light, grey Lambertian cloth, nothing behind."""
+    return render_vertices(drape.vertices, drape.mesh)
+
+
+def render_vertices(vertices: NDArray[np.floating], mesh: GridMesh) -> DrapeRender:
+    """The same of vertices [m], panel frame, shape [vertex_count, 3]."""
     pose = frontal_pose()
-    mesh = drape.mesh
-    depth = render_depth(drape.vertices, mesh.triangles, CANONICAL_CAMERA, pose, panel=False)
-    shaded = _shader().render(drape.vertices, mesh.triangles, mesh.uv, pose)
+    depth = render_depth(vertices, mesh.triangles, CANONICAL_CAMERA, pose, panel=False)
+    shaded = _shader().render(vertices, mesh.triangles, mesh.uv, pose)
     return DrapeRender(
         shaded=np.asarray(shaded, np.uint8),
         depth=np.asarray(depth, np.float32),
