@@ -18,6 +18,7 @@ from metric.render import DrapeRender
 from metric.render_cache import RenderCache
 from metric.simulate import Runner, SimulationPlan, simulate_fabrics
 from metric.sketch import Sketched
+from simcore.errors import SimulationError
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene
 
@@ -45,16 +46,31 @@ class RankedFabric:
 
 
 @dataclass(frozen=True)
+class FailedFabric:
+    """A fabric of the library that could not be ranked.
+
+    Attributes:
+        id: of the library's fabric.
+        reason: why its simulations did not come to rest.
+    """
+
+    id: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class SearchResult:
     """A library in the order of its likeness to a reference.
 
     Attributes:
         ranking: the nearest first; ties keep the library's order.
         reference_pictures: as :attr:`RankedFabric.pictures`, of the reference.
+        failed: fabrics that could not be simulated and so have no place.
     """
 
     ranking: list[RankedFabric]
     reference_pictures: dict[Scene, NDArray[np.uint8]] = field(repr=False, compare=False)
+    failed: list[FailedFabric] = field(default_factory=list)
 
 
 def search_library(
@@ -84,27 +100,33 @@ def search_library(
             have no sketches are always exact.
 
     Raises:
-        SimulationError: a simulation did not come to rest.
+        SimulationError: a simulation of the reference, or of every fabric, did not come to rest.
     """
     cache = features if features is not None else FeatureCache()
     fabrics = [reference, *(entry.parameters for entry in library)]
     # A copy of the reference in the library is another sample of it, not the same pictures again.
     firsts = [0, *(plan.simulations if entry.parameters == reference else 0 for entry in library)]
 
-    def simulate(chosen: Sequence[int]) -> list[dict[Scene, list[DrapeRender]]]:
+    failed: dict[int, str] = {}
+
+    def simulate(chosen: Sequence[int]) -> dict[int, dict[Scene, list[DrapeRender]]]:
         simulated = simulate_fabrics(
             [fabrics[k] for k in chosen],
             plan,
             first_repeats=[firsts[k] for k in chosen],
             runner=runner,
             cache=renders,
+            keep_failures=True,
             on_done=on_done,
         )
-        return [s.scenes for s in simulated]
+        failed.update({k: s.failure for k, s in zip(chosen, simulated, strict=True) if s.failure})
+        _refuse_failures(failed, len(fabrics))
+        return {k: s.scenes for k, s in zip(chosen, simulated, strict=True) if not s.failure}
 
     wants_exact = len(library) <= EXACT_UP_TO if exact is None else exact
     if wants_exact or not isinstance(backend, SquaredEuclideanBackend):
-        return _rank_exactly(library, simulate(range(len(fabrics))), backend, cache)
+        found_sets = simulate(range(len(fabrics)))
+        return _rank_exactly(library, found_sets, backend, cache, _failures(library, failed))
     sketched = Sketched(backend)
     store = descriptors if descriptors is not None else DescriptorStore()
     keys = [descriptor_key(f, first, plan, sketched) for f, first in zip(fabrics, firsts, strict=True)]
@@ -112,13 +134,15 @@ def search_library(
     missing = [k for k, key in enumerate(keys) if key not in found]
     for start in range(0, len(missing), _FABRICS_AT_A_TIME):
         chosen = missing[start : start + _FABRICS_AT_A_TIME]
-        for k, sets in zip(chosen, simulate(chosen), strict=True):
+        for k, sets in simulate(chosen).items():
             found[keys[k]] = describe(sets, sketched, cache)
             store.save(keys[k], found[keys[k]])
     for _ in range((len(keys) - len(missing)) * plan.simulations * len(plan.scenes)):
         _call(on_done)
-    ranking = rank_descriptors(library, found[keys[0]], [found[key] for key in keys[1:]], sketched)
-    return SearchResult(ranking, found[keys[0]].pictures)
+    ranked = [k for k in range(len(library)) if k + 1 not in failed]
+    descriptors_found = [found[keys[k + 1]] for k in ranked]
+    ranking = rank_descriptors([library[k] for k in ranked], found[keys[0]], descriptors_found, sketched)
+    return SearchResult(ranking, found[keys[0]].pictures, _failures(library, failed))
 
 
 def rank_descriptors(
@@ -136,17 +160,34 @@ def rank_descriptors(
 
 def _rank_exactly(
     library: Sequence[LibraryFabric],
-    simulated: Sequence[dict[Scene, list[DrapeRender]]],
+    simulated: dict[int, dict[Scene, list[DrapeRender]]],
     backend: Backend,
     cache: FeatureCache,
+    failed: list[FailedFabric],
 ) -> SearchResult:
     found = []
-    for entry, drapes in zip(library, simulated[1:], strict=True):
-        result = drape_distance(simulated[0], drapes, backend, cache=cache)
-        pictures = {scene: thumbnail(sets[0]) for scene, sets in drapes.items()}
-        found.append(RankedFabric(entry.id, result.distance, result.standard_error, pictures))
+    for place, entry in enumerate(library, start=1):
+        if place in simulated:
+            drapes = simulated[place]
+            result = drape_distance(simulated[0], drapes, backend, cache=cache)
+            pictures = {scene: thumbnail(sets[0]) for scene, sets in drapes.items()}
+            found.append(RankedFabric(entry.id, result.distance, result.standard_error, pictures))
     pictures = {scene: thumbnail(sets[0]) for scene, sets in simulated[0].items()}
-    return SearchResult(sorted(found, key=lambda r: r.distance), pictures)
+    return SearchResult(sorted(found, key=lambda r: r.distance), pictures, failed)
+
+
+def _failures(library: Sequence[LibraryFabric], failed: dict[int, str]) -> list[FailedFabric]:
+    return [FailedFabric(library[place - 1].id, reason) for place, reason in sorted(failed.items())]
+
+
+def _refuse_failures(failed: dict[int, str], fabrics: int) -> None:
+    """Without the reference, or with nothing to rank, there is no answer."""
+    if 0 in failed or len(failed) == fabrics - 1:
+        what = "the reference" if 0 in failed else "every fabric of the library"
+        raise SimulationError(
+            f"{what} could not be simulated: {next(iter(failed.values()))}; try another --seed or a finer --resolution",
+            code="simulation_not_still",
+        )
 
 
 def _call(on_done: Callable[[], None] | None) -> None:

@@ -41,11 +41,13 @@ class FabricRenders:
         fabric: its parameters.
         scenes: renders by scene, one a repeat.
         retries: simulations that needed more than one attempt.
+        failure: why it could not be simulated; "" where every simulation came to rest. Then ``scenes`` is incomplete.
     """
 
     fabric: FabricParameters
     scenes: dict[Scene, list[DrapeRender]]
     retries: list[Retry] = field(default_factory=list)
+    failure: str = ""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,7 @@ def simulate_fabrics(
     first_repeats: Sequence[int] | None = None,
     runner: Runner | None = None,
     cache: RenderCache | None = None,
+    keep_failures: bool = False,
     on_done: Callable[[], None] | None = None,
 ) -> list[FabricRenders]:
     """Simulate and render each fabric ``plan.simulations`` times in each scene.
@@ -108,6 +111,7 @@ def simulate_fabrics(
             ended.
         runner: executes the requests; by default worker processes as the plan says.
         cache: keeps renders between processes.
+        keep_failures: return fabrics that could not be simulated with their ``failure`` instead of raising.
         on_done: called after each simulation.
 
     Raises:
@@ -133,11 +137,18 @@ def simulate_fabrics(
         if cache is not None and result.render is not None:
             cache.save(result)
         _call(on_done)
-    _refuse_failures([results[r] for r in requests])
-    return [
+    gathered = [
         _gather(fabric, [results[r] for r in requests if r.fabric == fabric and _within(r, first, plan)], plan)
         for fabric, first in zip(fabrics, firsts, strict=True)
     ]
+    failed = [g for g in gathered if g.failure]
+    if failed and not keep_failures:
+        raise SimulationError(
+            f"{len(failed)} of {len(gathered)} fabrics could not be simulated, the first with density "
+            f"{failed[0].fabric.density:g} kg/m²: {failed[0].failure}; try another --seed or a finer --resolution",
+            code="simulation_not_still",
+        )
+    return gathered
 
 
 def local_runner(workers: int) -> Runner:
@@ -165,24 +176,19 @@ def _within(request: DrapeRequest, first: int, plan: SimulationPlan) -> bool:
 def _gather(fabric: FabricParameters, results: list[RequestResult], plan: SimulationPlan) -> FabricRenders:
     scenes: dict[Scene, list[DrapeRender]] = {scene: [] for scene in plan.scenes}
     retries: list[Retry] = []
+    lost: list[RequestResult] = []
     for result in sorted({r.request: r for r in results}.values(), key=lambda r: r.request.repeat):
-        if result.render is not None:
-            scenes[result.request.scene].append(result.render)
+        if result.render is None:
+            lost.append(result)
+            continue
+        scenes[result.request.scene].append(result.render)
         if result.failures:
             retries.append(Retry(result.request.scene, result.request.repeat, result.failures))
-    return FabricRenders(fabric, scenes, retries)
-
-
-def _refuse_failures(results: list[RequestResult]) -> None:
-    failed = [r for r in results if r.render is None]
-    if failed:
-        first = failed[0]
-        raise SimulationError(
-            f"{len(failed)} of {len(results)} simulations did not come to rest, e.g. {first.request.scene} of the "
-            f"fabric with density {first.request.fabric.density:g} kg/m² ({'; '.join(first.failures)}): "
-            "try another --seed or a finer --resolution",
-            code="simulation_not_still",
-        )
+    failure = ""
+    if lost:
+        reasons = "; ".join(dict.fromkeys(lost[0].failures))
+        failure = f"{len(lost)} of {len(results)} simulations did not come to rest ({lost[0].request.scene}: {reasons})"
+    return FabricRenders(fabric, scenes, retries, failure)
 
 
 def _call(on_done: Callable[[], None] | None) -> None:

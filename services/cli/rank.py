@@ -77,13 +77,15 @@ def rank(
             on_done=bar.advance,
         )
     ranking = found.ranking[:top] if top else found.ranking
+    for lost in found.failed:
+        console.note(f"{lost.id} has no place: {lost.reason}")
     files = _write_thumbnails(ranking, thumbnails) if thumbnails is not None else {}
     if figure is not None:
         _write_figure(figure, fabric, entries, found, metric.name)
     if json_output:
         rows = [_row(entry, files.get(entry.id)) for entry in ranking]
         settings = {"backend": metric.name, "unit": metric.unit, "simulations": simulations, "seed": seed}
-        console.emit_json({"ranking": rows, **settings, "resolution": resolution, "searched": len(entries)})
+        console.emit_json({"ranking": rows, **settings, "resolution": resolution, "failed": found.failed})
         return
     _print(ranking, metric.unit)
 

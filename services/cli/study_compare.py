@@ -63,15 +63,22 @@ def compare(
     everything = [*drawn, *(f for sweep in sweeps for f in sweep.fabrics)]
     renders, _ = caches(True)
     with console.progress("simulating", 2 * simulations * len(everything)) as bar:
-        simulated = simulate_fabrics(everything, plan, cache=renders, on_done=bar.advance)
-    swept = {s.name: simulated[fabrics + k * steps : fabrics + (k + 1) * steps] for k, s in enumerate(sweeps)}
-    scores = _scores(chosen, simulated[:fabrics], swept, seed)
+        simulated = simulate_fabrics(everything, plan, cache=renders, keep_failures=True, on_done=bar.advance)
+    left_out = [{"fabric": k, "reason": s.failure} for k, s in enumerate(simulated) if s.failure]
+    for lost in left_out:
+        console.note(f"fabric {lost['fabric']} is left out: {lost['reason']}")
+    swept = {
+        s.name: [f for f in simulated[fabrics + k * steps : fabrics + (k + 1) * steps] if not f.failure]
+        for k, s in enumerate(sweeps)
+    }
+    scores = _scores(chosen, [f for f in simulated[:fabrics] if not f.failure], swept, seed)
     document = {
         "fabrics": fabrics,
         "simulations": simulations,
         "resolution": resolution,
         "seed": seed,
         "simulated_again": sum(len(s.retries) for s in simulated),
+        "left_out": left_out,
         "scores": [_row(score) for score in scores],
         "parameters": _parameter_rows(drawn, {s.name: s.fabrics for s in sweeps}),
     }

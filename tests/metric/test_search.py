@@ -18,7 +18,7 @@ from metric.search import RankedFabric, search_library
 from metric.simulate import SimulationPlan
 from metric.sketch import Sketched
 from metric.uncertainty import mean_and_error
-from simcore.errors import InputError
+from simcore.errors import InputError, SimulationError
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene
 
@@ -87,6 +87,31 @@ def test_a_second_query_simulates_nothing(
         )
     assert runner.runs == 6 * 2 * 3
     assert len(done) == 2 * runner.runs
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_fabrics_that_cannot_be_simulated_are_named(
+    make_render: MakeRender, pixels: SquaredEuclideanBackend, exact: bool
+) -> None:
+    simulations = FakeSimulations(make_render)
+    entries = library(4)
+    bad = {entries[1].parameters}
+
+    def runner(requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
+        for result in simulations(requests):
+            lost = result.request.fabric in bad and result.request.repeat == 1
+            yield RequestResult(result.request, None, ("not_still",)) if lost else result
+
+    found = search_library(fabric(2.0), entries, pixels, PLAN, runner=runner, exact=exact)
+    assert sorted(order(found.ranking)) == ["s0", "s2", "s3"]
+    assert [f.id for f in found.failed] == ["s1"]
+    assert "2 of 6 simulations did not come to rest" in found.failed[0].reason
+    bad.update(entry.parameters for entry in entries)
+    with pytest.raises(SimulationError, match="every fabric"):
+        search_library(fabric(2.0), entries, pixels, PLAN, runner=runner, exact=exact)
+    bad = {fabric(2.0)}
+    with pytest.raises(SimulationError, match="the reference"):
+        search_library(fabric(2.0), entries, pixels, PLAN, runner=runner, exact=exact)
 
 
 def test_descriptors_survive_on_disk_and_damage_is_a_miss(tmp_path: Path) -> None:

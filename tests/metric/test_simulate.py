@@ -109,8 +109,10 @@ def test_what_does_not_come_to_rest_is_tried_again_and_reported(still_at: int, m
     solver = FailingSolver(GridMesh(0.025), still_at)
     monkeypatch.setattr(draping, "_solver", lambda _: solver)
     if still_at == 99:
-        with pytest.raises(SimulationError, match=r"4 of 4 .*time limit.*--seed"):
+        with pytest.raises(SimulationError, match=r"4 of 4 simulations.*time limit.*--seed"):
             simulate_fabrics([MEDIUM], PLAN)
+        (kept,) = simulate_fabrics([MEDIUM], PLAN, keep_failures=True)
+        assert "time limit" in kept.failure
         return
     (found,) = simulate_fabrics([MEDIUM], PLAN)
     assert len(found.retries) == 4

@@ -92,6 +92,7 @@ def run(task: Task, report: Report) -> TaskOutput:
                 }
                 for r, files in zip(nearest, thumbnails, strict=True)
             ],
+            "failed": [{"id": f.id, "name": names[f.id], "reason": f.reason} for f in found_fabrics.failed],
             "searched": len(library),
             "simulations": inputs.simulations,
             "backend": backend.name,
