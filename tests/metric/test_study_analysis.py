@@ -83,6 +83,14 @@ def test_the_embedding_is_recovered_from_simulated_observers() -> None:
     assert found.log_likelihood > np.log(0.5)
 
 
+@pytest.mark.parametrize(("seed", "log_likelihood"), [(0, -0.258096), (1, -0.286623), (2, -0.294394)])
+def test_as_probable_as_the_embedding_of_cblearn(seed: int, log_likelihood: float) -> None:
+    """Best of eight runs of cblearn 0.4.0's TSTE on the same answers."""
+    truth = np.random.default_rng(3).normal(0, 1, (10, 2))
+    answers = simulate_observers(distances(truth), 20, seed=seed, noise=0.2)
+    assert embed(answer_array(answers), 10, penalty=0.0).log_likelihood == pytest.approx(log_likelihood, abs=2e-3)
+
+
 def test_chance_observers_give_chance_correlation() -> None:
     truth = distances(known_points(4))
     means = []
