@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
+from urllib.parse import urlsplit
 
 from simcore.errors import InputError
 
 _STORE_BYTES = 100 * 2**20
 """Ray's object store: only keys and small words travel through it, data goes to the Zarr store."""
+
+_QUIET: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False}
+_CLIENT_ATTEMPTS = 3
+_PROBE_S = 5.0
 
 
 @contextmanager
@@ -23,44 +29,69 @@ def ray_cluster(address: str | None, workers: int | None) -> Iterator[int]:
         workers: None takes every CPU of the cluster, or of this machine.
 
     Raises:
-        InputError: no cluster at the address.
+        InputError: no cluster at the address, or it wants a token.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     import ray
 
     address = address or os.environ.get("RAY_ADDRESS") or None
-    count = workers or len(os.sched_getaffinity(0))
-    quiet: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False}
+    cores = len(os.sched_getaffinity(0))
     if address in (None, "local"):
         ray.init(
             address="local",
-            num_cpus=count,
+            num_cpus=workers or cores,
             num_gpus=0,
             include_dashboard=False,
             object_store_memory=_STORE_BYTES,
             _node_ip_address="127.0.0.1",
-            **quiet,
+            **_QUIET,
         )
     else:
+        _connect(address)
+        cores = max(1, int(cluster_cpus()))
+    try:
+        yield workers or cores
+    finally:
+        ray.shutdown()
+
+
+def _connect(address: str) -> None:
+    """Join a running cluster."""
+    import ray
+
+    _knock(address)
+    for attempt in range(1, _CLIENT_ATTEMPTS + 1):
         try:
-            ray.init(address=address, **quiet)
+            ray.init(address=address, **_QUIET)
         except ray.exceptions.AuthenticationError:
             raise InputError(
                 f"the Ray cluster at {address} wants its token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN",
                 code="cluster_token",
             ) from None
         except (ConnectionError, ValueError, RuntimeError) as error:
-            raise InputError(
-                f"no Ray cluster answers at {address} ({str(error).splitlines()[0]}); "
-                "start one, or leave --address out",
-                code="cluster_missing",
-            ) from None
-        count = workers or max(1, int(cluster_cpus()))
+            # A busy head node takes longer to start a client's server than Ray's client waits.
+            if isinstance(error, ConnectionAbortedError) and attempt < _CLIENT_ATTEMPTS:
+                continue
+            raise _no_cluster(address, str(error).splitlines()[0]) from None
+        return
+
+
+def _knock(address: str) -> None:
+    """Find out at once whether anybody listens; Ray itself would try for minutes."""
+    place = urlsplit(address if "://" in address else f"//{address}")
+    if place.hostname is None or place.port is None:
+        return  # 'auto' and its like: Ray knows
     try:
-        yield count
-    finally:
-        ray.shutdown()
+        socket.create_connection((place.hostname, place.port), timeout=_PROBE_S).close()
+    except OSError as error:
+        raise _no_cluster(address, error.strerror or str(error)) from None
+
+
+def _no_cluster(address: str, why: str) -> InputError:
+    return InputError(
+        f"no Ray cluster answers at {address} ({why}); start one, or leave --address out", code="cluster_missing"
+    )
 
 
 def cluster_cpus() -> float:
@@ -69,3 +100,11 @@ def cluster_cpus() -> float:
 
     resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]  # ray does not annotate it
     return resources.get("CPU", 1.0)
+
+
+def is_ray_client() -> bool:
+    """Whether this process reaches its cluster through Ray's client (``ray://``)."""
+    from ray.util import client
+
+    connected: bool = client.ray.is_connected()  # type: ignore[no-untyped-call]  # ray does not annotate it
+    return connected

@@ -11,12 +11,12 @@ import numpy as np
 
 from renderer.store import RowStatus, Store, StoreWriter, store_exists
 from renderer.store_location import is_remote, local_path
-from services.dataset.cluster import ray_cluster
+from services.dataset.cluster import is_ray_client, ray_cluster
 from services.dataset.configuration import SweepConfiguration, differences, software_version
 from services.dataset.cost import CostEstimate, estimate_cost
-from services.dataset.dispatch import Dispatcher, DispatchOptions
+from services.dataset.dispatch import DispatchOptions
+from services.dataset.drive import Drive
 from services.dataset.fabrics import FabricTable
-from services.dataset.metrics import SweepMetrics
 from services.dataset.worker import SimulationDone
 from simcore.errors import InputError
 
@@ -44,16 +44,35 @@ def prepare_store(url: str, configuration: SweepConfiguration, *, resume: bool) 
             place cannot be written to.
         StoreError: the place fails.
     """
-    layout = configuration.layout
-    if not resume or not store_exists(url):
-        StoreWriter.create(
-            url,
-            layout,
-            configuration=configuration.model_dump(mode="json"),
-            seed=configuration.seed,
-            software_version=software_version(),
+    left = shards_left(url, configuration, resume=resume)
+    if left is not None:
+        if not is_remote(url):
+            for leftover in local_path(url).rglob("*.partial"):  # of a writer killed in the middle of an object
+                leftover.unlink(missing_ok=True)
+        return left
+    StoreWriter.create(
+        url,
+        configuration.layout,
+        configuration=configuration.model_dump(mode="json"),
+        seed=configuration.seed,
+        software_version=software_version(),
+    )
+    return list(range(configuration.layout.shards))
+
+
+def shards_left(url: str, configuration: SweepConfiguration, *, resume: bool) -> list[int] | None:
+    """Shards that a store still lacks; None where none is laid out yet. Nothing is written.
+
+    Raises:
+        InputError: as :func:`prepare_store`.
+        StoreError: the place fails.
+    """
+    if not store_exists(url):
+        return None
+    if not resume:
+        raise InputError(
+            f"{url}: a store is there already; finish it with --resume or choose another --out", code="store_exists"
         )
-        return list(range(layout.shards))
     store = Store.open(url)
     differing = differences(store.attributes["configuration"], configuration)
     if differing:
@@ -68,9 +87,6 @@ def prepare_store(url: str, configuration: SweepConfiguration, *, resume: bool) 
             "finish it with the same version, or choose another --out",
             code="store_version",
         )
-    if not is_remote(url):
-        for leftover in local_path(url).rglob("*.partial"):  # of a writer killed in the middle of an object
-            leftover.unlink(missing_ok=True)
     return [int(shard) for shard in np.flatnonzero(~store.complete)]
 
 
@@ -103,19 +119,17 @@ def run_sweep(
     """
     started = time.monotonic()
     place = str(url) if is_remote(url) else str(local_path(url).absolute())
-    shards = prepare_store(place, configuration, resume=resume)
-    if shards:
+    if shards_left(place, configuration, resume=resume) != []:
         with ray_cluster(address, workers) as count:
-            metrics = SweepMetrics()
-
-            def hear(word: SimulationDone) -> None:
-                metrics.count(word)
-                listen(word)
-
+            shards = prepare_store(place, configuration, resume=resume)
             remaining = sum(len(configuration.layout.shard_simulations(shard)) for shard in shards)
             begin(estimate_cost(configuration, count, remaining))
             options = DispatchOptions(workers=min(count, len(shards)), recycle_after=recycle_after)
-            Dispatcher(place, configuration, fabrics, options, hear).run(shards)
+            drive = Drive(place, configuration, fabrics, options, shards)
+            if is_ray_client():
+                drive.run_on_cluster(listen)
+            else:
+                drive.run(listen)
     store = Store.open(place)
     return SweepSummary(len(store), count_failures(store), time.monotonic() - started)
 

@@ -82,7 +82,13 @@ def wait_for_nodes(address: str, count: int) -> None:
 def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> None:
     store, address = tmp_path / "s.zarr", f"127.0.0.1:{free_port()}"
     undisturbed = write_without_ray(tmp_path / "undisturbed.zarr", *small_sweep())
-    head_arguments = ["--head", f"--port={address.split(':')[1]}", "--include-dashboard=false"]
+    client_port = free_port()
+    head_arguments = [
+        "--head",
+        f"--ray-client-server-port={client_port}",
+        f"--port={address.split(':')[1]}",
+        "--include-dashboard=false",
+    ]
     with (
         ray_node(head_arguments, tmp_path / "head.log"),
         ray_node([f"--address={address}"], tmp_path / "second.log") as second,
@@ -101,6 +107,9 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
         finally:
             driver.kill()
             driver.wait()
+        (store / "checksum" / "c" / "3" / "0").unlink()
+        through_client = [*COMMAND, "--out", str(store), "--address", f"ray://127.0.0.1:{client_port}", "--resume"]
+        subprocess.run(through_client, check=True, env=os.environ | CLUSTER, capture_output=True, timeout=240)
     assert_same_store(undisturbed, store)
     assert validate_store(Store.open(store)).valid
 

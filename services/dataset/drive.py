@@ -1,0 +1,88 @@
+"""The driver's loop in this process, or, behind Ray's client, as a task on the cluster itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from services.dataset.configuration import SweepConfiguration
+from services.dataset.dispatch import Dispatcher, DispatchOptions
+from services.dataset.fabrics import FabricTable
+from services.dataset.metrics import SweepMetrics
+from services.dataset.worker import SimulationDone
+
+POLL_S = 1.0
+Listener = Callable[[SimulationDone], None]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """All that the driver's loop needs.
+
+    Attributes:
+        url: the store, laid out.
+        configuration, fabrics: the sweep.
+        options: how it is spread.
+        shards: which are still to be done.
+    """
+
+    url: str
+    configuration: SweepConfiguration
+    fabrics: FabricTable
+    options: DispatchOptions
+    shards: list[int]
+
+    def run(self, listen: Listener) -> None:
+        """Run the loop in this process, which Ray must know as a driver or a worker.
+
+        Raises:
+            InputError, StoreError: see :class:`~services.dataset.dispatch.Dispatcher`.
+        """
+        metrics = SweepMetrics()
+
+        def hear(word: SimulationDone) -> None:
+            metrics.count(word)
+            listen(word)
+
+        Dispatcher(self.url, self.configuration, self.fabrics, self.options, hear).run(self.shards)
+
+    def run_on_cluster(self, listen: Listener) -> None:
+        """Run the loop as a task: Ray's client (``ray://``) cannot follow the workers' words itself.
+
+        Raises:
+            InputError, StoreError: as :meth:`run`.
+        """
+        import ray
+
+        mailbox: Any = ray.remote(Mailbox).options(num_cpus=0).remote()
+        loop = ray.remote(_loop).options(num_cpus=0, max_retries=3).remote(self, mailbox)
+        finished: list[Any] = []
+        while not finished:
+            finished, _ = ray.wait([loop], timeout=POLL_S)
+            for word in ray.get(mailbox.take.remote()):
+                listen(word)
+        try:
+            ray.get(loop)
+        except ray.exceptions.RayTaskError as error:
+            raise error.cause from None
+
+
+class Mailbox:
+    """Words on their way from the loop to whoever listens; an actor."""
+
+    def __init__(self) -> None:
+        self._words: list[SimulationDone] = []
+
+    def put(self, word: SimulationDone) -> None:
+        """Add a word."""
+        self._words.append(word)
+
+    def take(self) -> list[SimulationDone]:
+        """All words since the last call."""
+        words, self._words = self._words, []
+        return words
+
+
+def _loop(drive: Drive, mailbox: Any) -> None:
+    drive.run(lambda word: mailbox.put.remote(word))
