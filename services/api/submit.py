@@ -15,7 +15,8 @@ from services.api.problems import ProblemError
 from services.api.state import ServiceState
 from services.api.views import job_headers, view_job
 from services.db.jobs import Job, JobStatus
-from services.jobs.queue import FileContent, enqueue
+from services.jobs.files import FileContent
+from services.jobs.queue import enqueue
 
 
 def submit_job(

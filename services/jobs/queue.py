@@ -13,15 +13,7 @@ from sqlalchemy.orm import Session, undefer
 from services.db.base import utc_now
 from services.db.engine import Database
 from services.db.jobs import Job, JobFile, JobStatus, Worker
-
-
-@dataclass(frozen=True)
-class FileContent:
-    """A file that goes with a job."""
-
-    name: str
-    media_type: str
-    content: bytes
+from services.jobs.files import FileContent
 
 
 @dataclass(frozen=True)

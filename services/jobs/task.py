@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from services.jobs.queue import FileContent
+from services.jobs.files import FileContent
 
 
 class Report(Protocol):

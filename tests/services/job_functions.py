@@ -7,8 +7,8 @@ import signal
 import time
 from pathlib import Path
 
+from services.jobs.files import FileContent
 from services.jobs.processes import run_worker
-from services.jobs.queue import FileContent
 from services.jobs.task import Report, Task, TaskOutput
 from services.settings import Settings
 from simcore.errors import InputError

@@ -72,7 +72,7 @@ class Served:
 
     def client(self, **options: Any) -> httpx.Client:
         """A client of it."""
-        return httpx.Client(base_url=self.url, timeout=60, **options)
+        return httpx.Client(base_url=self.url, timeout=180, **options)
 
     def stop(self) -> int:
         """SIGTERM and the exit status."""
@@ -90,6 +90,7 @@ def environment(folder: Path, **settings: str) -> dict[str, str]:
         "DRAPEMETER_DATASET_ROOT": str(folder / "datasets"),
         "DRAPEMETER_JOB_LEASE_S": "2",
         "DRAPEMETER_JOB_SHUTDOWN_GRACE_S": "0.5",
+        "DRAPEMETER_ESTIMATE_TIMEOUT_S": "170",
     }
     return {**kept, **own, **settings}
 
@@ -120,7 +121,7 @@ def drapemeter(folder: Path, *arguments: str, **settings: str) -> subprocess.Com
     return subprocess.run([*COMMAND, *arguments], env=env, capture_output=True, text=True, timeout=120, check=False)
 
 
-def finished(client: httpx.Client, location: str, timeout_s: float = 90.0) -> dict[str, Any]:
+def finished(client: httpx.Client, location: str, timeout_s: float = 300.0) -> dict[str, Any]:
     """A job's document once it has ended."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

@@ -125,6 +125,7 @@ def test_unusable_fabrics_are_refused(library: httpx.Client, change: dict[str, A
     assert (answer.status_code, answer.json()["code"]) == (422, "validation_failed")
 
 
+@pytest.mark.timeout(400)
 def test_search_ranks_the_library_by_drape(client: httpx.Client) -> None:
     """On the tests' common server, whose worker has compiled already; no other test adds fabrics to it."""
     answer = client.post("/v1/fabrics/search", json={"reference": STIFF, **QUICK})

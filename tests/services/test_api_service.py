@@ -9,6 +9,9 @@ import pytest
 
 from tests.services.served import QUICK, SOFT, STIFF, Served, drapemeter, finished
 
+pytestmark = pytest.mark.timeout(400)
+"""Of the first test that needs a worker, which compiles."""
+
 
 def test_health_and_readiness_need_no_key(client: httpx.Client) -> None:
     assert client.get("/healthz").json() == {"status": "ok"}

@@ -19,7 +19,7 @@ def test_a_dataset_job_leaves_a_complete_store_where_the_server_keeps_them(tmp_p
     with serving(tmp_path) as running, running.client() as client:
         answer = client.post("/v1/datasets", json=SMALL)
         assert answer.status_code == 202
-        job = finished(client, answer.headers["location"], 160)
+        job = finished(client, answer.headers["location"])
     assert job["problem"] is None
     assert job["result"]["samples"] == 4
     store = Store.open(job["result"]["store"])

@@ -40,7 +40,7 @@ def test_a_capture_set_is_diagnosed_as_a_job(tmp_path: Path, shared_dir: Path) -
             data={"effects": "air_draft,depth_scale", "resolution_m": "0.05"},
         )
         assert answer.status_code == 202, answer.text
-        job = finished(client, answer.headers["location"], 300)
+        job = finished(client, answer.headers["location"])
         assert job["problem"] is None
         validate(job["result"], json.loads((shared_dir / "contracts" / "gap-report.schema.json").read_text()))
         assert [file["name"] for file in job["files"]] == ["report.html"]
@@ -49,6 +49,7 @@ def test_a_capture_set_is_diagnosed_as_a_job(tmp_path: Path, shared_dir: Path) -
         assert page.text.lstrip().lower().startswith("<!doctype html")
 
 
+@pytest.mark.timeout(400)
 def test_captures_that_cannot_be_used_fail_the_job_with_a_code(tmp_path: Path, shared_dir: Path) -> None:
     stream = io.BytesIO()
     folder = shared_dir / "real" / "phisft-r1"

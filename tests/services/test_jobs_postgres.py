@@ -17,7 +17,8 @@ from services.db.engine import Database
 from services.db.jobs import Job
 from services.db.migrate import is_current, upgrade
 from services.db.models import Base
-from services.jobs.queue import FileContent, JobQueue, enqueue, request_cancel
+from services.jobs.files import FileContent
+from services.jobs.queue import JobQueue, enqueue, request_cancel
 from tests.services.postgres import postgres
 from tests.services.served import QUICK, STIFF, drapemeter, serving
 

@@ -13,8 +13,9 @@ from services.db.base import utc_now
 from services.db.engine import Database
 from services.db.idempotency import IdempotencyRecord
 from services.db.jobs import Job, JobFile, JobStatus
+from services.jobs.files import FileContent
 from services.jobs.maintenance import purge
-from services.jobs.queue import Claim, FileContent, JobQueue, enqueue, request_cancel
+from services.jobs.queue import Claim, JobQueue, enqueue, request_cancel
 
 ARCHIVE = FileContent("a.zip", "application/zip", b"content")
 REPORT = FileContent("report.html", "text/html", b"<p>")

@@ -48,7 +48,7 @@ def read(database: Database, job_id: str) -> Job:
         return session.scalars(select(Job).where(Job.id == job_id)).one()
 
 
-def wait(database: Database, job_id: str, until: Callable[[Job], bool], timeout_s: float = 40.0) -> Job:
+def wait(database: Database, job_id: str, until: Callable[[Job], bool], timeout_s: float = 90.0) -> Job:
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
         job = read(database, job_id)
@@ -147,6 +147,6 @@ def test_a_real_job_survives_the_kill_of_its_worker_and_of_its_server(tmp_path: 
         _, still = psutil.wait_procs(left, timeout=20)
         assert not still
     with serving(tmp_path) as served, served.client() as client:
-        job = finished(client, location, 150)
+        job = finished(client, location)
         assert job["problem"] is None
         assert served.stop() == 0

@@ -17,8 +17,8 @@ from services.api.state import ServiceState, get_state
 from services.api.submit import submit_job
 from services.api.views import JobView
 from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, names_in, read_captures_json
+from services.jobs.files import FileContent
 from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs
-from services.jobs.queue import FileContent
 from services.settings import Settings
 from simcore.errors import InputError
 

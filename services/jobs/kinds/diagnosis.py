@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from pydantic import Field
 
 from services.jobs.archive import ArchiveLimits, unpack
+from services.jobs.files import FileContent
 from services.jobs.kinds.common import counting
-from services.jobs.queue import FileContent
 from services.jobs.task import Report, Task, TaskOutput
 from services.schemas import Strict
 from simcore.mesh import GridMesh

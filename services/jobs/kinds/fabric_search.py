@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from pydantic import ConfigDict, Field
 
+from services.jobs.files import FileContent
 from services.jobs.kinds.common import SimulationInputs, counting, simulation_runner
-from services.jobs.queue import FileContent
 from services.jobs.task import Report, Task, TaskOutput
 from services.schemas import EXAMPLE_PARAMETERS, Parameters
 from simcore.errors import InputError
