@@ -103,6 +103,8 @@ class Level:
         self.moments = rest_moments(self.grid, plate, mechanics)
         self.contact = contact
         self.fixed = fixed
+        touched = fixed[:-1, :-1] + fixed[:-1, 1:] + fixed[1:, :-1] + fixed[1:, 1:]
+        self.hourglass = np.where(touched > 0, 1.0, kernels.HOURGLASS)
         self.extra_force[:] = 0.0
 
     def energy(self, x: Array) -> float:
@@ -110,7 +112,7 @@ class Level:
         contact = self.contact.energy(x, self.fixed)
         if not math.isfinite(contact):
             return math.inf
-        elastic = kernels.membrane_energy(x, self.membrane, self._vertex_energy)
+        elastic = kernels.membrane_energy(x, self.membrane, self.hourglass, self._vertex_energy)
         bending = kernels.form_energy(x, self.bending, self._vertex_energy)
         curl = 0.0 if self.moments is None else curl_kernels.curl_energy(x, self.moments)
         return float(elastic + bending + curl + contact - np.vdot(self.loads.force + self.extra_force, x))
@@ -118,7 +120,7 @@ class Level:
     def gradient(self, x: Array) -> Array:
         """Derivative of the energy [N], zero where held."""
         out = np.empty(self.grid.shape)
-        kernels.membrane_cell_forces(x, self.membrane, self._cell_forces)
+        kernels.membrane_cell_forces(x, self.membrane, self.hourglass, self._cell_forces)
         force = self.loads.force + self.extra_force
         kernels.gather_gradient(x, self._cell_forces, self.bending, force, self.fixed, out)
         if self.moments is not None:
@@ -142,7 +144,7 @@ class Level:
         Returns:
             The number of its negative eigenvalues.
         """
-        kernels.membrane_cell_hessians(x, self.membrane, self.stress, blend, self._cell_hessians)
+        kernels.membrane_cell_hessians(x, self.membrane, self.hourglass, self.stress, blend, self._cell_hessians)
         vertex = self.contact.hessian(x, self.fixed, blend)
         vertex[..., :3] += shift[..., None] if isinstance(shift, np.ndarray) else shift
         stiffness = float(self.membrane[:3].max())

@@ -217,6 +217,11 @@ class Cloth:
         limit = self.mechanics.stiffening_strain
         return np.where(strain.real > 0.0, 0.0 if limit is None else limit**-2, 0.0)
 
+    def _hourglass(self) -> Array:
+        """Share of the hourglass stiffness of each cell: all of it where a corner is held."""
+        h = self.held
+        return np.where(h[:-1, :-1] | h[:-1, 1:] | h[1:, :-1] | h[1:, 1:], 1.0, HOURGLASS)
+
     def membrane_energy(self, x: Array) -> Any:
         """[J]"""
         f, cell = self.fabric, self.hu * self.hv
@@ -226,7 +231,7 @@ class Cloth:
         for k, e in ((f.stretch_weft, e_weft), (f.stretch_warp, e_warp)):
             total += k * np.sum(e**2 / 2 + self._tensile(e) * e**4 / 12)
         for k, t, h in ((f.stretch_weft, a, self.hu), (f.stretch_warp, b, self.hv)):
-            total += HOURGLASS * k / (24 * h**2) * np.sum(np.sum(t * q, axis=2) ** 2)
+            total += k / (24 * h**2) * np.sum(self._hourglass() * np.sum(t * q, axis=2) ** 2)
         return cell * total
 
     def membrane_gradient(self, x: Array) -> Array:
@@ -245,7 +250,7 @@ class Cloth:
         by_a, by_b = c * by_weft - s * by_warp, s * by_weft + c * by_warp
         by_q = np.zeros_like(q)
         for k, t, h, by_t in ((f.stretch_weft, a, self.hu, by_a), (f.stretch_warp, b, self.hv, by_b)):
-            across = HOURGLASS * k / (12 * h**2) * np.sum(t * q, axis=2, keepdims=True)
+            across = self._hourglass()[..., None] * k / (12 * h**2) * np.sum(t * q, axis=2, keepdims=True)
             by_t += across * q
             by_q += across * t
         g = np.zeros_like(x)
