@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from capture.capture_set import CaptureSet
@@ -12,9 +12,9 @@ from services.dataset.fabrics import plan_sweep
 from services.dataset.sweep import SweepSummary, run_sweep
 from services.demo import fabrics
 from simcore.parameters import ESTIMATED_NAMES
-from trainer.config import NetworkConfig, TrainConfig
 from trainer.model import TrainedModel
 from trainer.predict import Estimator
+from trainer.presets import preset_config
 from trainer.store_source import StoreSource
 from trainer.train import train
 
@@ -53,8 +53,7 @@ def learn(
     store: Path, model: Path, *, epochs: int, seed: int, on_step: Callable[[int, int], None] | None = None
 ) -> TrainedModel:
     """Train a small network on the store and save it."""
-    config = TrainConfig(network=NetworkConfig(input_size=64, trunk_width=0.25), epochs=epochs, seed=seed)
-
+    config = replace(preset_config("quick"), epochs=epochs, seed=seed)
     trained = train(
         StoreSource(store),
         config,

@@ -23,6 +23,6 @@ class DemoPlan:
     fine_m: float = 0.0125
     coarse_m: float = 0.025
     materials: int = 48
-    epochs: int = 20
+    epochs: int = 12
     simulations: int = 3
     repeats: int = 2
