@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
 from capture.normalise import NetworkInput
-from capture.prepare import prepare
+from capture.prepare import prepare_all
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES
 from simcore.scenes import Scene
@@ -58,8 +58,8 @@ def known_fabrics(folders: Iterable[str | Path]) -> list[KnownFabric]:
             if fabric.parameters is None or fabric.density is None or not shown:
                 continue
             inputs: dict[Scene, list[NetworkInput]] = {}
-            for capture in shown:
-                inputs.setdefault(capture.scene, []).append(prepare(capture).network_input)
+            for prepared in prepare_all(shown):
+                inputs.setdefault(prepared.capture.scene, []).append(prepared.network_input)
             truth = np.array([getattr(fabric.parameters, name) for name in ESTIMATED_NAMES], dtype=np.float64)
             found.append(KnownFabric(f"{captures.folder.name}/{fabric.id}", fabric.density, truth, inputs))
     if not found:

@@ -16,6 +16,8 @@ from renderer.pose import inclination_pose
 from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
 from renderer.store_format import DEPTH_UNIT_M
 from simcore.errors import InputError
+from tests.services.s3_server import BUCKET, s3_server
+from trainer.dataset import PairStream, batches
 from trainer.store_source import StoreSource
 
 TILTS = (-5.0, 0.0, 5.0)
@@ -109,3 +111,19 @@ def test_no_store_and_an_empty_store(tmp_path: Path) -> None:
     StoreWriter.create(tmp_path / "e.zarr", LAYOUT, configuration={}, seed=0, software_version="test")
     with pytest.raises(InputError, match="not one usable picture"):
         StoreSource(tmp_path / "e.zarr").table()
+
+
+@pytest.mark.slow
+def test_spawned_workers_stream_from_s3(store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with s3_server(tmp_path) as server:
+        for name, value in server.environment().items():
+            monkeypatch.setenv(name, value)
+        url = f"s3://{BUCKET}/train.zarr"
+        writer = StoreWriter.create(url, LAYOUT, configuration={}, seed=4, software_version="test")
+        for shard in range(2):
+            writer.write_shard(shard, _rows(shard))
+        there, here = StoreSource(url), StoreSource(store)
+        streams = [PairStream(s, s.table(), size=64, passes=1, shuffled=False) for s in (there, here)]
+        far = torch.cat([b.pictures for b in batches(streams[0], 2, workers=1)])
+        near = torch.cat([b.pictures for b in batches(streams[1], 2)])
+    assert torch.equal(far, near) and len(near) == 6
