@@ -119,6 +119,8 @@ def _from_os_error(url: str | Path, error: OSError) -> DrapemeterError:
         )
     if isinstance(error, FileNotFoundError):
         return InputError(f"{url}: no store there", code="store_missing")
+    if isinstance(error, NotADirectoryError | IsADirectoryError):
+        return InputError(f"{url}: a file or folder is in the way; choose another place", code="store_in_the_way")
     return StoreError(f"{url}: cannot be read or written ({_first_line(error)})", code="store_failed")
 
 

@@ -35,9 +35,9 @@ def ray_cluster(address: str | None, workers: int | None) -> Iterator[int]:
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     import ray
 
-    address = address or os.environ.get("RAY_ADDRESS") or None
+    address = address or os.environ.get("RAY_ADDRESS") or "local"
     cores = len(os.sched_getaffinity(0))
-    if address in (None, "local"):
+    if is_local(address):
         ray.init(
             address="local",
             num_cpus=workers or cores,
@@ -54,6 +54,11 @@ def ray_cluster(address: str | None, workers: int | None) -> Iterator[int]:
         yield workers or cores
     finally:
         ray.shutdown()
+
+
+def is_local(address: str | None) -> bool:
+    """Whether the work is done by a cluster of its own on this machine."""
+    return (address or os.environ.get("RAY_ADDRESS") or "local") == "local"
 
 
 def _connect(address: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from renderer.store import RowStatus, Store, StoreWriter, store_exists
 from renderer.store_location import is_remote, local_path
-from services.dataset.cluster import is_ray_client, ray_cluster
+from services.dataset.cluster import is_local, is_ray_client, ray_cluster
 from services.dataset.configuration import SweepConfiguration, differences, software_version
 from services.dataset.cost import CostEstimate, estimate_cost
 from services.dataset.dispatch import DispatchOptions
@@ -120,6 +120,9 @@ def run_sweep(
     started = time.monotonic()
     place = str(url) if is_remote(url) else str(local_path(url).absolute())
     if shards_left(place, configuration, resume=resume) != []:
+        if is_local(address):  # a bad place is told before Ray is started; a bad address before anything is written
+            prepare_store(place, configuration, resume=resume)
+            resume = True
         with ray_cluster(address, workers) as count:
             shards = prepare_store(place, configuration, resume=resume)
             remaining = sum(len(configuration.layout.shard_simulations(shard)) for shard in shards)

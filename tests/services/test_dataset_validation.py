@@ -7,53 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from renderer.store import RowStatus, ShardRows, Store, StoreWriter
-from services.dataset.configuration import SweepConfiguration, simulation_seed
+from renderer.store import Store, StoreWriter
 from services.dataset.figures import relief, spearman, write_figures
 from services.dataset.inspection import inspect_store
 from services.dataset.sweep import count_failures, prepare_store
 from services.dataset.validation import validate_store
 from simcore.errors import InputError
 from tests.services.dataset_helpers import small_sweep
+from tests.services.dataset_rows import made_up_store, rows_of
 
 CONFIGURATION, FABRICS = small_sweep()
-LAYOUT = CONFIGURATION.layout
-
-
-def rows_of(shard: int, configuration: SweepConfiguration = CONFIGURATION) -> ShardRows:
-    """Rows as a worker would write them, with made-up pictures; the sweep's last simulation failed."""
-    layout = configuration.layout
-    numbers = layout.shard_simulations(shard)
-    address = np.repeat([layout.address(number) for number in numbers], layout.pictures, axis=0)
-    failed = np.repeat(np.array(numbers) == layout.simulations - 1, layout.pictures)
-    rng = np.random.default_rng(shard)
-    depth = rng.integers(8000, 9000, (len(address), 256, 256), dtype=np.uint16)
-    depth[failed] = 0
-    return ShardRows(
-        depth=depth,
-        parameters=FABRICS.parameters(address[:, 0].tolist()),
-        scene=address[:, 1].astype(np.uint8),
-        status=np.where(failed, RowStatus.TIMED_OUT, RowStatus.OK).astype(np.uint8),
-        reason=np.where(failed, "time limit", "").astype(object),
-        inclination_deg=np.tile(layout.inclinations_deg, len(numbers)).astype(np.float32),
-        seed=np.array([simulation_seed(configuration.seed, triple) for triple in address], dtype=np.uint64),
-        material=address[:, 0].astype(np.uint32),
-        jitter=address[:, 2].astype(np.uint32),
-        vertices=np.zeros((len(numbers), layout.vertex_count, 3), np.float32),
-        residual=np.zeros(len(numbers)),
-        energy=np.zeros(len(numbers)),
-    )
 
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
     """A whole store with one failed simulation."""
-    place = tmp_path / "s.zarr"
-    prepare_store(str(place), CONFIGURATION, resume=False)
-    writer = StoreWriter.open(place)
-    for shard in range(LAYOUT.shards):
-        writer.write_shard(shard, rows_of(shard))
-    return place
+    return made_up_store(tmp_path / "s.zarr", CONFIGURATION, FABRICS)
 
 
 def faults(store: Path) -> str:
@@ -92,13 +61,13 @@ def test_an_unfinished_shard_is_noticed(store: Path) -> None:
 
 
 def test_rows_that_belong_elsewhere_are_noticed(store: Path) -> None:
-    StoreWriter.open(store).write_shard(1, rows_of(0))
+    StoreWriter.open(store).write_shard(1, rows_of(0, CONFIGURATION, FABRICS))
     assert "shard 1: column material is not that of its rows" in faults(store)
     assert "shard 1: column seed is not that of its rows" in faults(store)
 
 
 def test_failures_without_a_reason_and_empty_pictures_are_noticed(store: Path) -> None:
-    rows = rows_of(6)
+    rows = rows_of(6, CONFIGURATION, FABRICS)
     rows.reason[:] = ""
     rows.depth[:] = 0
     StoreWriter.open(store).write_shard(6, rows)

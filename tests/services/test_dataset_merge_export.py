@@ -1,0 +1,93 @@
+"""Stores joined into one, and written as plain files."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from renderer.store import RowStatus, Store, StoreWriter
+from services.dataset.cost import estimate_cost
+from services.dataset.export import export_store
+from services.dataset.merge import merge_stores
+from services.dataset.sweep import prepare_store
+from services.dataset.validation import validate_store
+from simcore.errors import InputError
+from tests.services.dataset_helpers import small_sweep
+from tests.services.dataset_rows import made_up_store, rows_of
+
+
+@pytest.fixture
+def stores(tmp_path: Path) -> list[Store]:
+    """Three and two fabrics."""
+    made = [small_sweep(materials=3), small_sweep(materials=2, seed=9)]
+    return [Store.open(made_up_store(tmp_path / f"{k}.zarr", *sweep)) for k, sweep in enumerate(made)]
+
+
+def test_merged_stores_hold_every_sample_once_and_are_valid(stores: list[Store], tmp_path: Path) -> None:
+    merged = merge_stores(stores, str(tmp_path / "both.zarr"))
+    assert len(merged) == len(stores[0]) + len(stores[1]) == 20
+    assert np.unique(merged.materials).tolist() == [0, 1, 2, 3, 4]
+    assert np.array_equal(merged.column("seed"), np.concatenate([s.column("seed") for s in stores]))
+    assert np.array_equal(merged.parameters, np.concatenate([s.parameters for s in stores]))
+    assert np.array_equal(merged.depth(13), stores[1].depth(1))
+    assert np.array_equal(merged.vertices(7), stores[1].vertices(1))
+    assert merged.column("drapes/energy").tolist() == [0, 1, 2, 3, 4, 5, 0, 1, 2, 3]
+    assert validate_store(merged).valid
+    assert [c["seed"] for c in merged.attributes["configuration"]["merged"]] == [4, 9]
+
+
+def test_unlike_unfinished_and_single_stores_are_not_merged(stores: list[Store], tmp_path: Path) -> None:
+    out = str(tmp_path / "both.zarr")
+    other = Store.open(made_up_store(tmp_path / "c.zarr", *small_sweep(materials=2, inclinations=1)))
+    configuration, _ = small_sweep(materials=2)
+    prepare_store(str(tmp_path / "d.zarr"), configuration, resume=False)
+    for sources, message in [
+        (stores[:1], "at least two"),
+        ([stores[0], other], "differ in inclinations_deg"),
+        ([stores[0], Store.open(tmp_path / "d.zarr")], "unfinished"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            merge_stores(sources, out)
+    assert not Path(out).exists()
+
+
+def test_export_writes_pictures_and_a_table_that_agree(stores: list[Store], tmp_path: Path) -> None:
+    store = stores[0]
+    assert export_store(store, tmp_path / "out", shaded=True) == 12
+    with (tmp_path / "out" / "samples.csv").open(newline="") as table:
+        rows = list(csv.DictReader(table))
+    assert [int(row["sample"]) for row in rows] == list(range(12))
+    assert [row["status"] for row in rows] == ["ok"] * 10 + ["timed_out"] * 2
+    assert rows[11]["reason"] == "time limit" and rows[11]["depth"] == ""
+    assert float(rows[5]["density"]) == pytest.approx(float(store.parameters[5, 6]))
+    picture = np.asarray(Image.open(tmp_path / "out" / rows[7]["depth"]))
+    assert np.array_equal(picture, store.array("depth")[7])
+    shaded = np.asarray(Image.open(tmp_path / "out" / rows[7]["shaded"]))
+    assert shaded.dtype == np.uint8 and shaded.shape == (256, 256) and shaded.max() > 100
+
+
+def test_export_leaves_out_what_is_unfinished_and_stops_at_its_limit(tmp_path: Path) -> None:
+    configuration, fabrics = small_sweep(materials=3)
+    prepare_store(str(tmp_path / "s.zarr"), configuration, resume=False)
+    StoreWriter.open(tmp_path / "s.zarr").write_shard(1, rows_of(1, configuration, fabrics))
+    assert export_store(Store.open(tmp_path / "s.zarr"), tmp_path / "all") == 6
+    assert export_store(Store.open(tmp_path / "s.zarr"), tmp_path / "few", limit=8) == 2
+    assert (Store.open(tmp_path / "s.zarr").status[:6] == RowStatus.MISSING).all()
+
+
+def test_a_folder_that_is_there_is_not_written_into(stores: list[Store], tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match="is there already"):
+        export_store(stores[0], tmp_path / "out")
+
+
+def test_cost_grows_with_the_sweep_and_shrinks_with_workers() -> None:
+    coarse, fine = (small_sweep(resolution_m=h)[0] for h in (0.02, 0.005))
+    assert estimate_cost(fine, 1).core_hours > 5 * estimate_cost(coarse, 1).core_hours
+    assert estimate_cost(fine, 4).hours == pytest.approx(estimate_cost(fine, 1).hours / 4)
+    assert estimate_cost(fine, 1, simulations=5).simulations == 5
+    assert estimate_cost(coarse, 1).pictures == 40
