@@ -7,7 +7,6 @@ Names: ``a`` = x_u and ``b`` = x_v at a cell's centre, ``q`` the cell's twist di
 across the cell. A cell's corners are 0 (j, i), 1 (j, i+1), 2 (j+1, i), 3 (j+1, i+1).
 """
 
-
 from simcore.lang import ti
 
 vec3 = ti.types.vector(3, ti.f64)
@@ -23,7 +22,11 @@ ints3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
 K_WEFT, K_WARP, K_BIAS, COS, SIN, STIFFENING, HU, HV = range(8)
 SETTINGS = 8
 HOURGLASS = 0.1
-"""Share of the full hourglass stiffness: enough to hold a cell's in-plane shape, little enough not to lock a fold."""
+"""Share of the full hourglass stiffness: enough to hold a cell's in-plane shape, little enough not to lock a fold.
+
+Cells that touch a held vertex have all of it: a pin that holds one point pulls on one corner of a cell, and a cell that
+yields to that lets the whole sample sag.
+"""
 
 
 @ti.func
@@ -84,21 +87,19 @@ def material_response(e, s: ti.template()):
 def rotation(s: ti.template()):
     """Rows: material strains as a function of the grid's (E_uu, E_vv, 2 E_uv)."""
     c, n = s[COS], s[SIN]
-    return mat3(
-        [[c * c, n * n, c * n], [n * n, c * c, -c * n], [-2.0 * c * n, 2.0 * c * n, c * c - n * n]]
-    )
+    return mat3([[c * c, n * n, c * n], [n * n, c * c, -c * n], [-2.0 * c * n, 2.0 * c * n, c * c - n * n]])
 
 
 @ti.kernel
-def membrane_energy(x: array3, s: array1, cells: array2) -> ti.f64:
-    """Membrane energy [J]; ``cells`` [rows-1, columns-1] receives each cell's."""
+def membrane_energy(x: array3, s: array1, share: array2, cells: array2) -> ti.f64:
+    """Membrane energy [J]; ``cells`` [rows-1, columns-1] receives each cell's; ``share`` is its hourglass share."""
     rows, columns = x.shape[0], x.shape[1]
     area = s[HU] * s[HV]
     for j, i in ti.ndrange(rows - 1, columns - 1):
         a, b, q = tangents(x, s, j, i)
         density, _, _ = material_response(material_strain(a, b, s), s)
         aq, bq = a.dot(q) / s[HU], b.dot(q) / s[HV]
-        cells[j, i] = area * (density + (s[K_WEFT] * aq * aq + s[K_WARP] * bq * bq) * HOURGLASS / 24.0)
+        cells[j, i] = area * (density + (s[K_WEFT] * aq * aq + s[K_WARP] * bq * bq) * share[j, i] / 24.0)
     total = ti.cast(0.0, ti.f64)
     ti.loop_config(serialize=True)
     for j in range(rows - 1):
@@ -108,14 +109,14 @@ def membrane_energy(x: array3, s: array1, cells: array2) -> ti.f64:
 
 
 @ti.kernel
-def membrane_cell_forces(x: array3, s: array1, cell: array3):
+def membrane_cell_forces(x: array3, s: array1, share: array2, cell: array3):
     """Derivatives of each cell's energy by (a/(2hu), b/(2hv), q): 9 numbers, shape [rows-1, columns-1, 9]."""
     area = s[HU] * s[HV]
     for j, i in ti.ndrange(x.shape[0] - 1, x.shape[1] - 1):
         a, b, q = tangents(x, s, j, i)
         _, stress, _ = material_response(material_strain(a, b, s), s)
         t = rotation(s).transpose() @ stress
-        ku, kv = HOURGLASS * s[K_WEFT] / (12.0 * s[HU] * s[HU]), HOURGLASS * s[K_WARP] / (12.0 * s[HV] * s[HV])
+        ku, kv = share[j, i] * s[K_WEFT] / (12.0 * s[HU] * s[HU]), share[j, i] * s[K_WARP] / (12.0 * s[HV] * s[HV])
         aq, bq = a.dot(q), b.dot(q)
         da = area * (t[0] * a + t[2] * b + ku * aq * q) / (2.0 * s[HU])
         db = area * (t[1] * b + t[2] * a + kv * bq * q) / (2.0 * s[HV])
@@ -223,10 +224,11 @@ def membrane_stress(x: array3, step: array3, length: ti.f64, s: array1, stress: 
 
 
 @ti.kernel
-def membrane_cell_hessians(x: array3, s: array1, stress: array3, blend: ti.f64, cell: array3):
+def membrane_cell_hessians(x: array3, s: array1, share: array2, stress: array3, blend: ti.f64, cell: array3):
     """Second derivatives of each cell by (a/(2hu), b/(2hv), q): blocks aa, ab, aq, bb, bq, qq; [rows-1, columns-1, 54].
 
-    ``stress`` is that of :func:`membrane_stress`; ``blend`` 1 gives the exact Hessian for it, 0 a positive semi-definite one.
+    ``stress`` is that of :func:`membrane_stress`; ``blend`` 1 gives the exact Hessian for it, 0 one that is positive
+    semi-definite.
     """
     area = s[HU] * s[HV]
     eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -237,7 +239,7 @@ def membrane_cell_hessians(x: array3, s: array1, stress: array3, blend: ti.f64, 
         t = blended_stress(vec3(stress[j, i, 0], stress[j, i, 1], stress[j, i, 2]), blend)
         d = mat3([[moduli[0], 0.0, 0.0], [0.0, moduli[1], 0.0], [0.0, 0.0, moduli[2]]])
         c = turn.transpose() @ d @ turn
-        ku, kv = HOURGLASS * s[K_WEFT] / (12.0 * s[HU] * s[HU]), HOURGLASS * s[K_WARP] / (12.0 * s[HV] * s[HV])
+        ku, kv = share[j, i] * s[K_WEFT] / (12.0 * s[HU] * s[HU]), share[j, i] * s[K_WARP] / (12.0 * s[HV] * s[HV])
         aq, bq = blend * a.dot(q), blend * b.dot(q)
         p0, p2 = c[0, 0] * a + c[0, 2] * b, c[0, 2] * a + c[2, 2] * b
         w1, w2 = c[1, 1] * b + c[1, 2] * a, c[1, 2] * b + c[2, 2] * a
