@@ -2,44 +2,21 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
-
-from simcore.errors import MissingResourceError
 
 if TYPE_CHECKING:
     from metric.draping import DrapeRequest, RequestResult
 
 WINDOW_PER_CORE = 2
 """Tasks under way for each core of the cluster: enough to keep it busy, few enough to hold in memory."""
-PROBE_S = 5.0
-
-
-def require_cluster(address: str) -> None:
-    """Knock before Ray does, which tries for minutes.
-
-    Raises:
-        MissingResourceError: nobody listens there.
-    """
-    place = urlsplit(address if "://" in address else f"//{address}")
-    if place.hostname is None or place.port is None:
-        return  # 'auto' and its like: Ray knows
-    try:
-        socket.create_connection((place.hostname, place.port), timeout=PROBE_S).close()
-    except OSError as error:
-        raise MissingResourceError(
-            f"no Ray cluster answers at {address} ({error.strerror or error}): check that it runs",
-            code="cluster_missing",
-        ) from None
 
 
 def ray_runner(address: str) -> Callable[[Sequence[DrapeRequest]], Iterator[RequestResult]]:
     """A runner for :func:`metric.simulate.simulate_fabrics` that spreads simulations over a cluster.
 
     Raises:
-        MissingResourceError: there is no cluster at the address.
+        InputError: there is no cluster at the address, or it wants a token.
     """
 
     def run(requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
@@ -47,7 +24,6 @@ def ray_runner(address: str) -> Callable[[Sequence[DrapeRequest]], Iterator[Requ
 
         if not requests:
             return
-        require_cluster(address)
         with ray_cluster(address, None) as cores:
             yield from _spread(requests, cores * WINDOW_PER_CORE)
 

@@ -118,6 +118,18 @@ def test_a_cancelled_job_is_stopped_in_the_middle(database: Database, tmp_path: 
         assert wait(database, after, ended).status == JobStatus.SUCCEEDED
 
 
+def test_a_worker_alone_takes_the_jobs_of_a_server_without_workers(tmp_path: Path) -> None:
+    with serving(tmp_path, "--workers", "0") as served, served.client() as client:
+        body = {"reference": STIFF, **QUICK}  # ends at once: there is nothing to search
+        location = client.post("/v1/fabrics/search", json=body).headers["location"]
+        assert client.get("/readyz").json()["workers"] == 0
+        with serving(tmp_path, "--worker-only") as alone:
+            assert finished(client, location)["problem"]["code"] == "library_empty"
+            assert client.get("/readyz").json()["workers"] == 1
+            assert alone.stop() == 0
+        assert client.get("/readyz").json()["workers"] == 0
+
+
 def descendants(served: Served) -> list[psutil.Process]:
     return psutil.Process(served.process.pid).children(recursive=True)
 

@@ -60,10 +60,7 @@ def run(task: Task, report: Report) -> TaskOutput:
     """
     from services.dataset.sweep import run_sweep
     from services.jobs.kinds.common import counting
-    from services.jobs.ray_tasks import require_cluster
 
-    if task.resources.ray_address is not None:
-        require_cluster(task.resources.ray_address)
     configuration, fabrics = DatasetInputs.model_validate(task.inputs).plan()
     store = f"{task.resources.dataset_root.rstrip('/')}/{task.job_id}.zarr"
     total = configuration.materials * len(configuration.scenes) * configuration.jitters
