@@ -33,7 +33,7 @@ def search_figure(
         columns: fabrics shown a row.
     """
     shown = min(columns, max(len(ranking) for ranking in rows.values()))
-    figure = new_figure(1.6 * (shown + 1), 2.2 * len(rows))
+    figure = new_figure(1.6 * (shown + 1), 1.35 * len(rows))
     grid = figure.subplots(len(rows), shown + 1, squeeze=False)
     for line, (metric, ranking) in zip(grid, rows.items(), strict=True):
         _show(line[0], reference, "reference")
@@ -64,7 +64,7 @@ def embedding_figure(
     """
     from matplotlib.offsetbox import AnnotationBbox, OffsetImage
 
-    figure = new_figure(9.0, 7.0)
+    figure = new_figure(9.0, 9.0)
     axes = figure.subplots()
     axes.scatter(points[:, 0], points[:, 1], s=12, color="tab:blue")
     for point, label, shown in zip(points, labels, pictures, strict=True):
@@ -78,9 +78,14 @@ def embedding_figure(
             textcoords="offset points",
             ha="center",
             fontsize=7,
+            zorder=10,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
         )
-    axes.margins(0.18)
-    axes.set_aspect("equal", adjustable="datalim")
+    reach = 0.62 * float(np.ptp(points, axis=0).max() or 1.0)
+    for limits, column in ((axes.set_xlim, points[:, 0]), (axes.set_ylim, points[:, 1])):
+        middle = float(column.max() + column.min()) / 2.0
+        limits(middle - reach, middle + reach)
+    axes.set_aspect("equal")
     axes.set_title(title, fontsize=9)
     _save(figure, path)
 
@@ -105,6 +110,7 @@ def share_figure(path: Path, shares: Mapping[str, Mapping[int, tuple[float, floa
             lw=1,
         )
     axes.axhline(95, color="0.6", lw=0.8, ls="--")
+    axes.set_xticks(sorted({count for curve in shares.values() for count in curve}))
     axes.set_xlabel("simulations N of each fabric in each scene")
     axes.set_ylabel("pairs with d(a, a) < d(a, b) [%]")
     axes.legend(fontsize=7)

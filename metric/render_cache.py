@@ -8,6 +8,7 @@ import tempfile
 import zipfile
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from metric.render import DrapeRender
 from renderer.camera import CANONICAL_CAMERA
 
 CACHE_VARIABLE = "DRAPEMETER_CACHE"
+_ENGINES = ("taichi", "open3d", "numpy", "scipy")
 
 
 def default_cache_folder() -> Path:
@@ -83,11 +85,12 @@ class RenderCache:
 
 @cache
 def engine_fingerprint() -> str:
-    """sha256 over the source of everything that decides what a render looks like."""
+    """sha256 over the source and the engines' versions of everything that decides what a render looks like."""
     import renderer
     import simcore
 
-    digest = hashlib.sha256()
+    versions = ",".join(f"{name} {version(name)}" for name in _ENGINES)
+    digest = hashlib.sha256(versions.encode())
     for package in (simcore, renderer):
         for path in sorted(Path(package.__path__[0]).rglob("*.py")):
             digest.update(path.name.encode() + path.read_bytes())

@@ -48,7 +48,7 @@ def rank(
       drapemeter rank silk.json library.json --top 5 --figure search.png --json
     """
     from metric.library import load_library
-    from services.cli.metric_options import check_resolution
+    from services.cli.metric_options import check_figure, check_resolution, make_folder
     from simcore.parameters import FabricParameters
 
     fabric = FabricParameters.load(reference)
@@ -56,6 +56,10 @@ def rank(
     check_resolution(resolution)
     if top < 0:
         raise InputError(f"--top must not be negative, got {top}: give 0 for all", code="top_out_of_range")
+    if figure is not None:
+        check_figure(figure)
+    if thumbnails is not None:
+        make_folder(thumbnails, "name a folder that can be written to")
     from metric.backends import get_backend
     from metric.search import search_library
     from metric.simulate import SimulationPlan
@@ -107,7 +111,6 @@ def _write_thumbnails(ranking: list[RankedFabric], folder: Path) -> dict[str, di
     """One PNG a fabric and scene; id to scene to path."""
     from PIL import Image
 
-    folder.mkdir(parents=True, exist_ok=True)
     found: dict[str, dict[str, str]] = {}
     for place, entry in enumerate(ranking, start=1):
         found[entry.id] = {}

@@ -184,11 +184,13 @@ def export(
 
     if out.suffix not in {".csv", ".json"}:
         raise InputError(f"{out}: give a file that ends in .csv or .json", code="export_form")
+    from services.cli.metric_options import make_folder
+
+    make_folder(out.absolute().parent, "name a place that can be written to")
     with open_study(database, study) as store:
         rows: list[dict[str, Any]] = [
             {**console.to_plain({**vars(row), "answered_at": row.answered_at.isoformat()})} for row in store.export()
         ]
-    out.parent.mkdir(parents=True, exist_ok=True)
     with out.open("w", encoding="utf-8", newline="") as stream:
         if out.suffix == ".json":
             json.dump(rows, stream, ensure_ascii=False, indent=1)

@@ -44,10 +44,12 @@ def analyse(
     from metric.agreement import agreement, metric_agreement
     from metric.simulate import SimulationPlan
     from metric.tste import answer_array, embed
-    from services.cli.metric_options import check_resolution
+    from services.cli.metric_options import check_resolution, make_folder
 
     check_resolution(resolution)
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
+    if out is not None:
+        make_folder(out, "name a folder that can be written to")
     names = [name.strip() for name in backends.split(",") if name.strip()]
     with open_study(database, study) as store:
         answers = store.answers(simulated=simulated)

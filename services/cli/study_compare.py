@@ -46,7 +46,7 @@ def compare(
     from metric.backends import get_backend
     from metric.orderings import default_sweeps
     from metric.simulate import SimulationPlan, simulate_fabrics
-    from services.cli.metric_options import caches, check_resolution
+    from services.cli.metric_options import caches, check_resolution, make_folder
     from simcore.prior import FabricPrior
 
     check_resolution(resolution)
@@ -58,6 +58,8 @@ def compare(
         from services.trunk_features import trunk_distance
 
         chosen.append(trunk_distance(model))
+    if out is not None:
+        make_folder(out, "name a folder that can be written to")
     sweeps = default_sweeps(steps)
     drawn = FabricPrior.default().sample(range(fabrics), seed)
     everything = [*drawn, *(f for sweep in sweeps for f in sweep.fabrics)]
@@ -130,7 +132,6 @@ def _parameter_rows(
 def _write(out: Path, document: dict[str, Any], scores: Sequence[BackendScore]) -> None:
     from metric.figures import share_figure
 
-    out.mkdir(parents=True, exist_ok=True)
     (out / "comparison.json").write_text(json.dumps(console.to_plain(document), indent=1), encoding="utf-8")
     share_figure(out / "shares.png", {score.name: score.by_simulations for score in scores})
 

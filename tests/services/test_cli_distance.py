@@ -92,7 +92,18 @@ def test_bad_files(fabrics: tuple[str, str, str], tmp_path: Path, capsys: pytest
     assert run(["distance", fabrics[0], str(tmp_path / "none.json")]) == 2
     assert run(["rank", fabrics[0], str(tmp_path / "empty.json")]) == 2
     assert run(["rank", fabrics[0], fabrics[2], "--top", "-1"]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 4
+    assert run(["rank", fabrics[0], fabrics[2], "--figure", str(tmp_path / "search.docx")]) == 2
+    assert run(["rank", fabrics[0], fabrics[2], "--thumbnails", str(tmp_path / "bad.json")]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 6
+
+
+def test_a_cache_folder_that_cannot_be_made(
+    fabrics: tuple[str, str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "file" / "cache"))
+    assert run(["distance", fabrics[0], fabrics[1], "--backend", "depth"]) == 2
+    assert "--no-cache" in capsys.readouterr().err
 
 
 def test_missing_weights_exit_1_and_name_the_way_out(
