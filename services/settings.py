@@ -40,6 +40,7 @@ class Settings(BaseSettings):
     job_queue: int = Field(default=1000, ge=1, description="Jobs that may wait; more are refused with 429.")
     job_lease_s: float = Field(default=20.0, gt=0.2, description="A worker silent for so long has lost its job.")
     job_attempts: int = Field(default=3, ge=1)
+    job_time_limit_s: float = Field(default=86400.0, gt=0, description="A job that takes longer is stopped and fails.")
     job_shutdown_grace_s: float = Field(default=5.0, ge=0)
     job_retention_days: float = Field(default=30.0, gt=0)
     idempotency_hours: float = Field(default=24.0, gt=0)

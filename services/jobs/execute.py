@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib
+from dataclasses import replace
 from typing import Any
 
 from sqlalchemy.orm import Session
 
+from services.cli.console import to_plain
 from services.jobs.task import Report, Task, TaskOutput
 from simcore.errors import InputError
 
@@ -30,7 +32,7 @@ def execute(task: Task, *, report: Report) -> TaskOutput:
     except InputError as error:
         # Whoever sent the files knows their names, not our folders.
         raise InputError(str(error).replace(f"{task.scratch}/", ""), code=error.code) from None
-    return output
+    return replace(output, result=to_plain(output.result))  # numbers that JSON does not have become null
 
 
 def gather(session: Session, kind: str, inputs: dict[str, Any]) -> dict[str, Any]:

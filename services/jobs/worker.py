@@ -94,7 +94,7 @@ class JobWorker:
 
     def _watch(self, claim: Claim) -> str:
         """Wait for the end of a job; its name for the log."""
-        next_renewal = 0.0
+        began, next_renewal = time.monotonic(), 0.0
         latest = Progress(0.0)
         stop_at: float | None = None
         while True:
@@ -111,6 +111,11 @@ class JobWorker:
                 if not going_on:
                     self._runner.stop()
                     return self._abandon(claim, lost=going_on is None)
+            if now - began > self._settings.job_time_limit_s:
+                self._runner.stop()
+                limit = f"{self._settings.job_time_limit_s:g} s"
+                self._queue.fail(claim, "job_timed_out", f"the job took more than {limit} and was stopped")
+                return "timed_out"
             if self._stopping.is_set():
                 stop_at = stop_at if stop_at is not None else now + self._settings.job_shutdown_grace_s
                 if now >= stop_at:

@@ -25,9 +25,10 @@ from tests.services.served import QUICK, SOFT, STIFF, Served, finished, serving
 
 
 @contextmanager
-def worker(database: Database) -> Iterator[BaseProcess]:
+def worker(database: Database, **more: float) -> Iterator[BaseProcess]:
     """A real worker process with a real child, whose jobs only count."""
-    settings = Settings(database=str(database.url), job_lease_s=1.0, job_shutdown_grace_s=0.2)
+    values = {"job_lease_s": 1.0, "job_shutdown_grace_s": 0.2, **more}
+    settings = Settings.model_validate({"database": str(database.url), **values})
     process = multiprocessing.get_context("spawn").Process(target=work_slowly, args=(settings,))
     process.start()
     try:
@@ -116,6 +117,15 @@ def test_a_cancelled_job_is_stopped_in_the_middle(database: Database, tmp_path: 
         assert not alive(tmp_path)
         after = add(database, tmp_path, 0.1)
         assert wait(database, after, ended).status == JobStatus.SUCCEEDED
+
+
+def test_a_job_over_its_time_is_stopped(database: Database, tmp_path: Path) -> None:
+    job_id = add(database, tmp_path, 600.0)
+    with worker(database, job_time_limit_s=3.0):
+        job = wait(database, job_id, ended)
+        assert job.problem is not None
+        assert (job.status, job.problem["code"]) == ("failed", "job_timed_out")
+        assert not alive(tmp_path)
 
 
 def test_a_worker_alone_takes_the_jobs_of_a_server_without_workers(tmp_path: Path) -> None:
