@@ -90,3 +90,23 @@ def test_refuses_pictures_of_different_size(backend: LpipsBackend, make_render: 
     with pytest.raises(InputError) as caught:
         backend.table(one, other)
     assert caught.value.code == "image_size"
+
+
+@pytest.mark.parametrize("net", ["alex", "vgg"])
+def test_other_trunks_equal_the_package(net: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With made-up convolution weights; the heads are the package's own."""
+    import torch
+
+    from renderer.torchvision_import import import_torchvision
+
+    models = import_torchvision().models
+    torch.manual_seed(0)
+    trunk = (models.alexnet if net == "alex" else models.vgg16)(weights=None).features
+    monkeypatch.setattr("metric.lpips_backend.load_backbone", lambda _: (trunk.state_dict(), "0" * 64))
+    backend = LpipsBackend(net)
+    images = np.random.default_rng(2).uniform(-1, 1, (3, 3, 80, 96)).astype(np.float32)
+    features = backend.features_of(images)
+    table = backend.table(features[:1], features[1:])
+    expected = [package_forward(backend, images[:1], images[[k]])[0] for k in (1, 2)]
+    assert np.abs(table[0] - expected).max() < 1e-5
+    assert min(expected) > 1e-3
