@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import io
+import lzma
 import stat
+import struct
 import zipfile
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -16,6 +19,18 @@ MOST_ENTRIES = 5000
 MOST_JSON_BYTES = 8 * 1024 * 1024
 SUFFIXES = frozenset({".json", ".png"})
 BLOCK = 256 * 1024
+DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    lzma.LZMAError,
+    EOFError,
+    NotImplementedError,
+    OSError,
+    ValueError,
+    RuntimeError,
+)
+"""What :mod:`zipfile` raises on archives that are not whole, or of kinds that it does not read."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +100,7 @@ def unpack(content: bytes, folder: Path, limits: ArchiveLimits) -> None:
 def _open(content: bytes) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(io.BytesIO(content))
-    except zipfile.BadZipFile:
+    except DAMAGE:
         raise InputError(
             "the capture set is not a ZIP archive: send captures.json and its PNG files as one ZIP",
             code="archive_not_zip",
@@ -93,7 +108,7 @@ def _open(content: bytes) -> zipfile.ZipFile:
 
 
 def _entries(archive: zipfile.ZipFile, limits: ArchiveLimits) -> list[_Entry]:
-    infos = [info for info in archive.infolist() if not info.is_dir()]
+    infos = [info for info in archive.infolist() if not info.filename.endswith("/")]
     if len(infos) > MOST_ENTRIES:
         raise InputError(
             f"the archive has {len(infos)} files: at most {MOST_ENTRIES} are taken", code="archive_too_large"
@@ -136,8 +151,8 @@ def _root(infos: list[zipfile.ZipInfo]) -> PurePosixPath:
     return shallow[0]
 
 
-def _blocks(archive: zipfile.ZipFile, entry: _Entry, room: int) -> list[bytes]:
-    blocks: list[bytes] = []
+def _blocks(archive: zipfile.ZipFile, entry: _Entry, room: int) -> Iterator[bytes]:
+    """Content of an entry, a little at a time; its stated size is not believed."""
     size = 0
     try:
         with archive.open(entry.info) as stream:
@@ -145,10 +160,9 @@ def _blocks(archive: zipfile.ZipFile, entry: _Entry, room: int) -> list[bytes]:
                 size += len(block)
                 if size > room:
                     raise _too_large(room)
-                blocks.append(block)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, OSError) as error:
+                yield block
+    except DAMAGE as error:
         raise InputError(f"{entry.name} in the archive is damaged ({error})", code="archive_damaged") from None
-    return blocks
 
 
 def _too_large(limit: int) -> InputError:
