@@ -177,21 +177,26 @@ class Cloth:
         g = np.zeros_like(x)
         if not self.mechanics.rest_curvature:
             return g
-        rows, columns = self.held.shape
         mu, mv = self.moments()
         bend, a, d = self._curl_parts(x)
-        for j in range(rows):
-            for i in range(columns):
-                normal = np.cross(d[j, i], a[j, i])
-                size = np.linalg.norm(normal)
-                unit = normal / size
-                by_normal = -(np.eye(3) - np.outer(unit, unit)) @ bend[j, i] / size
-                by_a, by_d = np.cross(by_normal, d[j, i]), np.cross(a[j, i], by_normal)
-                mine_u, mine_v = mu[j, i] / self.hu**2, mv[j, i] / self.hv**2
-                for dj, di, weight in ((0, -1, mine_u), (0, 1, mine_u), (-1, 0, mine_v), (1, 0, mine_v)):
-                    at = min(max(j + dj, 0), rows - 1), min(max(i + di, 0), columns - 1)
-                    g[at] += -weight * unit + di * by_a + dj * by_d
-                g[j, i] += 2.0 * (mine_u + mine_v) * unit
+        big = np.cross(d, a)
+        size = np.linalg.norm(big, axis=2, keepdims=True)
+        unit = big / size
+        by_big = -(bend - unit * np.sum(unit * bend, axis=2, keepdims=True)) / size
+        by_a, by_d = np.cross(by_big, d), np.cross(a, by_big)
+        along_u, along_v = mu[..., None] / self.hu**2 * unit, mv[..., None] / self.hv**2 * unit
+        # gathered on a grid with a margin, whose values then go to the border that it repeats
+        wide = np.zeros((x.shape[0] + 2, x.shape[1] + 2, 3))
+        wide[1:-1, 1:-1] += 2.0 * (along_u + along_v)
+        wide[1:-1, :-2] += -along_u - by_a
+        wide[1:-1, 2:] += -along_u + by_a
+        wide[:-2, 1:-1] += -along_v - by_d
+        wide[2:, 1:-1] += -along_v + by_d
+        wide[1] += wide[0]
+        wide[-2] += wide[-1]
+        wide[:, 1] += wide[:, 0]
+        wide[:, -2] += wide[:, -1]
+        g += wide[1:-1, 1:-1]
         return g
 
     # -- membrane ------------------------------------------------------------------------------------------------
