@@ -11,6 +11,10 @@ _TRIALS = 300
 _SUBSAMPLE = 4000
 _MAX_POINTS = 30_000
 _TUKEY = 4.685
+_STEPS = 14
+
+LEAST_SPREAD_M = 0.001
+"""How flat a panel is taken to be at best [m]."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +25,7 @@ class Plane:
         normal: unit, towards the camera, float64 [3].
         offset_m: negative: the camera stands in front.
         rms_m: of the pixels that belong to it, robust.
-        share: of all pixels with data that lie within three rms (at least 3 mm).
+        share: of all pixels with data that lie within three rms (at least 3 mm) of it.
     """
 
     normal: NDArray[np.float64]
@@ -40,13 +44,19 @@ class Plane:
 
 
 def fit_plane(
-    points: NDArray[np.float64], *, tolerance_m: float, seed: int = 0, minimum_share: float = 0.05
+    points: NDArray[np.float64],
+    *,
+    tolerance_m: float,
+    spread_m: float = LEAST_SPREAD_M,
+    seed: int = 0,
+    minimum_share: float = 0.05,
 ) -> Plane | None:
     """The plane with the most points on it: RANSAC, then reweighted least squares with Tukey's weights.
 
     Args:
         points: [m], camera frame, shape [N, 3].
         tolerance_m: points within this distance support a trial plane.
+        spread_m: see :func:`refine_plane`.
         seed: of the trials.
         minimum_share: fewer supporters than this share of the points are no plane.
 
@@ -69,30 +79,43 @@ def fit_plane(
     best = int(np.argmax(support))
     if support[best] < minimum_share * len(few):
         return None
-    return refine_plane(points, normals[best], float(offsets[best]), tolerance_m)
+    return refine_plane(points, normals[best], float(offsets[best]), tolerance_m, spread_m=spread_m)
 
 
 def refine_plane(
-    points: NDArray[np.float64], normal: NDArray[np.float64], offset_m: float, tolerance_m: float
+    points: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    offset_m: float,
+    tolerance_m: float,
+    *,
+    spread_m: float = LEAST_SPREAD_M,
 ) -> Plane:
-    """Reweighted least squares from a first guess; points beyond ``tolerance_m`` of the guess never count."""
+    """Least squares from a first guess, reweighted with Tukey's weights of a width that shrinks.
+
+    A width taken from the points themselves would settle between panel and cloth where the cloth fills the picture.
+
+    Args:
+        points: [m], camera frame, shape [N, 3].
+        normal, offset_m: the guess; points beyond three times ``tolerance_m`` of it never count.
+        tolerance_m: first width.
+        spread_m: last width: the sensor's noise, or how flat a panel is.
+    """
     points = points[:: 1 + len(points) // _MAX_POINTS]
     near = points[np.abs(points @ normal - offset_m) < 3.0 * tolerance_m]
     if len(near) < 10:
         return Plane(normal, offset_m, tolerance_m, 0.0)
     centre = near.mean(axis=0)
-    spread = tolerance_m
-    for _ in range(12):
-        residual = (near - centre) @ normal - (offset_m - centre @ normal)
-        weight = np.clip(1.0 - (residual / (_TUKEY * spread)) ** 2, 0.0, None) ** 2
+    for spread in np.geomspace(max(tolerance_m, spread_m), spread_m, _STEPS):
+        weight = np.clip(1.0 - ((near @ normal - offset_m) / (_TUKEY * spread)) ** 2, 0.0, None) ** 2
         if weight.sum() < 10.0:
             break
         mean = np.average(near, axis=0, weights=weight)
         moved = near - mean
         normal = np.linalg.eigh((moved * weight[:, None]).T @ moved)[1][:, 0]
         offset_m = float(normal @ mean)
-        spread = max(1.4826 * float(np.median(np.abs(near @ normal - offset_m))), 1e-5)
     if normal @ centre > 0.0:  # towards the camera, which stands at the origin
         normal, offset_m = -normal, -offset_m
-    share = float(np.mean(np.abs(points @ normal - offset_m) < max(3.0 * spread, 3e-3)))
-    return Plane(normal, offset_m, spread, share)
+    residual = np.abs(points @ normal - offset_m)
+    members = residual[residual < _TUKEY * spread_m]
+    rms = max(1.4826 * float(np.median(members)), 1e-6) if members.size else tolerance_m
+    return Plane(normal, offset_m, rms, float(np.mean(residual < max(3.0 * rms, 3e-3))))

@@ -12,7 +12,7 @@ from capture.components import surfaces
 from capture.holes import fill_small_holes
 from capture.outline import expected_outline
 from capture.picture import Depth, pixel_footprint_m
-from capture.plane import Plane, fit_plane, refine_plane
+from capture.plane import LEAST_SPREAD_M, Plane, fit_plane, refine_plane
 from renderer.camera import Camera
 from renderer.pose import check_pose
 from simcore.errors import InputError
@@ -97,18 +97,20 @@ def find_panel(depth: Depth, camera: Camera, setup: Setup, pose: NDArray[np.floa
     """The panel's plane in the camera frame, or None when it is hidden.
 
     Planes are taken one after the other; the panel is the nearest one that faces the camera (within 45 degrees),
-    reaches beyond a sample's size or lies where the pose says.
+    reaches beyond a sample's size. Where a pose is given, the panel is looked for there first.
     """
     seen = depth > 0.0
     points = camera.back_project(depth)[seen]
-    tolerance = max(PLANE_TOLERANCE_M, 4.0 * noise_m(depth, camera))
+    noise = noise_m(depth, camera)
+    tolerance, spread = max(PLANE_TOLERANCE_M, 4.0 * noise), max(LEAST_SPREAD_M, noise)
     if pose is not None:
-        guess = refine_plane(points, pose[:3, 2], float(pose[:3, 2] @ pose[:3, 3]), 3.0 * tolerance)
-        return guess if guess.share > 0.02 and guess.rms_m < tolerance else None
+        guess = refine_plane(points, pose[:3, 2], float(pose[:3, 2] @ pose[:3, 3]), 3.0 * tolerance, spread_m=spread)
+        if guess.share > 0.05 and guess.rms_m < tolerance:
+            return guess
     candidates: list[Plane] = []
     rest = points
     for trial in range(3):
-        plane = fit_plane(rest, tolerance_m=tolerance, seed=trial)
+        plane = fit_plane(rest, tolerance_m=tolerance, spread_m=spread, seed=trial)
         if plane is None:
             break
         on_it = np.abs(plane.height(rest)) < 3.0 * tolerance

@@ -9,8 +9,8 @@ from capture.capture_set import CaptureSet
 from capture.components import surfaces
 from capture.holes import drop_flying_pixels, fill_small_holes
 from capture.plane import fit_plane
-from capture.segment import noise_m, segment_cloth
-from renderer.camera import Camera
+from capture.segment import find_panel, noise_m, segment_cloth
+from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose
 from renderer.depth import panel_depth, render_buffers
 from simcore.errors import InputError
 from simcore.scenes import Scene
@@ -89,6 +89,24 @@ def test_a_plane_is_fitted_among_outliers() -> None:
     assert plane.rms_m == pytest.approx(0.001, rel=0.2)
     assert fit_plane(points[:10], tolerance_m=0.005) is None
     assert fit_plane(np.tile([[0.0, 0.0, 1.0]], (100, 1)), tolerance_m=0.005) is None
+
+
+def test_the_panel_is_found_behind_cloth_that_fills_half_the_picture(stretched: Sheet) -> None:
+    """As in the store's own pictures: a width taken from the residuals would settle between panel and cloth."""
+    depth = stretched.depth(CANONICAL_CAMERA, frontal_pose())
+    for pose in (None, frontal_pose()):
+        plane = find_panel(depth, CANONICAL_CAMERA, stretched.setup, pose)
+        assert plane is not None
+        assert plane.distance_m == pytest.approx(0.9, abs=0.0007)
+        assert plane.rms_m < 0.001
+
+
+def test_a_panel_far_from_the_given_pose_is_found_all_the_same(hanging: Sheet) -> None:
+    depth = hanging.depth(CAMERA, POSE)
+    wrong = turned_pose((2.0, 6.0, 1.0), distance_m=1.4)
+    plane = find_panel(depth, CAMERA, hanging.setup, wrong)
+    assert plane is not None
+    assert plane.distance_m == pytest.approx(-POSE[:3, 2] @ POSE[:3, 3], abs=1e-3)
 
 
 def test_holes_on_a_slope_are_filled_exactly_and_those_at_steps_are_not() -> None:
