@@ -19,7 +19,7 @@ from renderer.store_format import (
     array_specs,
     object_key,
 )
-from renderer.store_location import open_location, read_attributes, store_errors, store_exists
+from renderer.store_location import listed_sizes, open_location, read_attributes, store_errors, store_exists
 from renderer.store_writer import ShardRows, StoreWriter
 from simcore.errors import InputError
 
@@ -31,6 +31,10 @@ __all__ = [
     "StoreWriter",
     "store_exists",
 ]
+
+
+COLUMN_REQUESTS = 64
+"""Requests under way at once while a whole column is read."""
 
 
 class Store:
@@ -127,12 +131,24 @@ class Store:
 
     @cached_property
     def complete(self) -> NDArray[np.bool_]:
-        """Which shards are finished, bool, shape [shards]."""
-        return np.asarray(self.checksums.any(axis=1))
+        """Which shards are finished, bool, shape [shards]: those whose completion mark is there, found by listing."""
+        from zarr.core.sync import sync
+
+        async def marked() -> list[int]:
+            prefix = "checksum/c/"
+            return [int(key.split("/")[-2]) async for key in self._group.store.list_prefix(prefix) if key[-2:] == "/0"]
+
+        finished = np.zeros(self.shards, dtype=np.bool_)
+        with store_errors(self.url):
+            finished[sync(marked())] = True
+        return finished
 
     def column(self, name: str) -> NDArray[Any]:
         """A whole array of the contract by name; mind the size of ``depth`` and ``drapes/vertices``."""
-        with store_errors(self.url):
+        import zarr
+
+        # One small object a shard: many requests at once, or a large store takes an hour to open.
+        with store_errors(self.url), zarr.config.set({"async.concurrency": COLUMN_REQUESTS}):
             return np.asarray(self.array(name)[:])
 
     def depth(self, sample: int) -> NDArray[np.float32]:
@@ -181,18 +197,13 @@ class Store:
 
     def object_sizes(self) -> dict[str, int]:
         """Bytes that the store's objects take, by array name (metadata is left out)."""
-        import asyncio
-
-        async def total() -> dict[str, int]:
-            sizes: dict[str, int] = {}
-            async for key in self._group.store.list():
+        sizes: dict[str, int] = {}
+        with store_errors(self.url):
+            for key, size in listed_sizes(self.url):
                 name, _, part = key.partition("/c/")
                 if part:
-                    sizes[name] = sizes.get(name, 0) + await self._group.store.getsize(key)
-            return sizes
-
-        with store_errors(self.url):
-            return asyncio.run(total())
+                    sizes[name] = sizes.get(name, 0) + size
+        return sizes
 
     def array(self, name: str) -> Any:
         """The Zarr array of that name.

@@ -31,12 +31,22 @@ def local_path(url: str | Path) -> Path:
     return Path(str(url).removeprefix("file://"))
 
 
+def listed_sizes(url: str | Path) -> Iterator[tuple[str, int]]:
+    """Every object below a place with its size [byte], by listing alone."""
+    if is_remote(url):
+        import obstore
+
+        for batch in obstore.list(object_store(url)):
+            yield from ((entry["path"], entry["size"]) for entry in batch)
+        return
+    root = local_path(url)
+    for path in root.rglob("*"):
+        if path.is_file():
+            yield path.relative_to(root).as_posix(), path.stat().st_size
+
+
 def open_location(url: str | Path, *, read_only: bool) -> ZarrStore:
     """The Zarr storage at a place; nothing is read or written yet.
-
-    Object stores take their credentials and endpoint from the environment, as obstore does (``AWS_ACCESS_KEY_ID``,
-    ``AWS_ENDPOINT_URL``, ...). Requests that fail for a passing reason are repeated for up to two minutes
-    (``DRAPEMETER_STORE_RETRY_S``).
 
     Raises:
         InputError: a URL that obstore does not know, or unusable settings.
@@ -45,20 +55,34 @@ def open_location(url: str | Path, *, read_only: bool) -> ZarrStore:
 
     if not is_remote(url):
         return LocalStore(local_path(url), read_only=read_only)
+    from renderer.store_remote import PatientObjectStore
+
+    return PatientObjectStore(object_store(url), read_only=read_only)
+
+
+def object_store(url: str | Path) -> Any:
+    """obstore's store at a URL; nothing is asked of it yet.
+
+    Object stores take their credentials and endpoint from the environment, as obstore does (``AWS_ACCESS_KEY_ID``,
+    ``AWS_ENDPOINT_URL``, ...). Requests that fail for a passing reason are repeated for up to two minutes
+    (``DRAPEMETER_STORE_RETRY_S``).
+
+    Raises:
+        InputError: a URL that obstore does not know, or unusable settings.
+    """
     import obstore.exceptions
     from obstore.store import from_url
 
-    from renderer.store_remote import PatientObjectStore, patience_s
+    from renderer.store_remote import patience_s
 
     patience = timedelta(seconds=patience_s())
     options: Any = {"timeout": timedelta(seconds=60), "connect_timeout": timedelta(seconds=10)}
     if str(url).startswith("http://") or os.environ.get("AWS_ENDPOINT_URL", "").startswith("http://"):
         options["allow_http"] = True
     try:
-        store = from_url(str(url), client_options=options, retry_config={"retry_timeout": patience, "max_retries": 20})
+        return from_url(str(url), client_options=options, retry_config={"retry_timeout": patience, "max_retries": 20})
     except (obstore.exceptions.BaseError, ValueError) as error:
         raise InputError(f"{url}: not a place for a store ({_first_line(error)})", code="store_url") from None
-    return PatientObjectStore(store, read_only=read_only)
 
 
 @contextmanager

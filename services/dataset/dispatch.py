@@ -112,7 +112,9 @@ class Dispatcher:
                 if not self._running and not self._retry and self._ahead is None:
                     return
                 watched = [*self._running, *self._starting]
-                ready, _ = ray.wait(watched, num_returns=1, timeout=POLL_S, fetch_local=False)
+                ray.wait(watched, num_returns=1, timeout=POLL_S, fetch_local=False)
+                # With hundreds of workers several have something to say by now: take all of it.
+                ready, _ = ray.wait(watched, num_returns=len(watched), timeout=0, fetch_local=False)
                 for event in ready:
                     if event in self._starting:
                         self._came_up(event)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from renderer.store import Store, StoreWriter, store_exists
+from services.dataset.inspection import inspect_store
 from services.dataset.sweep import prepare_store
 from services.dataset.validation import validate_store
 from simcore.errors import InputError, StoreError
@@ -94,6 +95,7 @@ def test_a_lost_object_store_ends_the_sweep_and_a_resumed_one_is_the_same(
         assert remaining == list(range(3, SHARDS))
         write_shards(url, undisturbed, remaining)
         assert_same_as_folder(url, undisturbed)
+        assert inspect_store(Store.open(url)).stored_bytes == inspect_store(Store.open(undisturbed)).stored_bytes
 
 
 def test_wrong_credentials_are_bad_input(server: S3Server, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,237 @@
+"""What the dataset service costs over bare simulation and rendering, how it scales, and what its stores weigh.
+
+    python bench/bench_dataset.py [--materials 12] [--resolution 0.01] [--tasks 1000] [--json x.json] [--figure x.png]
+
+Prints a table and writes JSON. CPU seconds are those of every process of the service (driver, Ray, workers) between the
+first and the last word of a worker, so they hold on a busy machine too; wall-clock numbers need a quiet one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+from renderer.store import RowStatus, Store
+from services.dataset.cluster import ray_cluster
+from services.dataset.configuration import SweepConfiguration, simulation_seed
+from services.dataset.dispatch import Dispatcher, DispatchOptions
+from services.dataset.fabrics import FabricTable, plan_sweep
+from services.dataset.inspection import inspect_store
+from services.dataset.shard import ShardTask, simulate_and_render
+from services.dataset.sweep import run_sweep
+from services.dataset.worker import SimulationDone
+from simcore.solver import Solver
+
+
+@dataclass(frozen=True)
+class Run:
+    """Time per simulation [s], and how long until the first one was done."""
+
+    wall_s: float
+    cpu_s: float
+    start_s: float
+
+
+def family_cpu_s() -> float:
+    """CPU seconds of this process and all below it."""
+    total = 0.0
+    me = psutil.Process()
+    for process in [me, *me.children(recursive=True)]:
+        try:
+            times = process.cpu_times()
+        except psutil.NoSuchProcess:
+            continue
+        total += times.user + times.system
+    return total
+
+
+def bare(configuration: SweepConfiguration, fabrics: FabricTable) -> Run:
+    """Solve and render in a plain loop."""
+    solver = Solver(configuration.mesh)
+    layout = configuration.layout
+    begun = time.monotonic()
+    wall = cpu = 0.0
+    for number in range(-1, layout.simulations):  # the first one compiles and is not counted
+        if number == 0:
+            start_s, wall, cpu = time.monotonic() - begun, time.monotonic(), time.process_time()
+        material, scene, jitter = layout.address(max(number, 0))
+        seed = simulation_seed(configuration.seed, (material, scene, jitter))
+        parameters = fabrics.parameters([material])[0]
+        simulate_and_render(parameters, configuration.scenes[scene], seed, configuration, solver)
+    count = layout.simulations
+    return Run((time.monotonic() - wall) / count, (time.process_time() - cpu) / count, start_s)
+
+
+def service(configuration: SweepConfiguration, fabrics: FabricTable, workers: int, url: str) -> Run:
+    """The same through the service; the first word of every worker is its warm-up."""
+    began = time.monotonic()
+    seen: set[int] = set()
+    first: tuple[float, float, int] | None = None
+    last = (0.0, 0.0)
+    words = 0
+
+    def listen(word: SimulationDone) -> None:
+        nonlocal first, last, words
+        words += 1
+        seen.add(word.process_id)
+        if first is None and len(seen) == workers:
+            first = (time.monotonic(), family_cpu_s(), words)
+        elif first is not None:
+            last = (time.monotonic(), family_cpu_s())
+
+    run_sweep(url, configuration, fabrics, workers=workers, listen=listen)
+    assert first is not None
+    count = words - first[2]
+    return Run((last[0] - first[0]) / count, (last[1] - first[1]) / count, first[0] - began)
+
+
+def memory(tasks: int, url: str) -> list[tuple[int, int, int]]:
+    """(task, worker's process, resident bytes) over many small tasks on two workers that are never replaced."""
+    configuration, fabrics = plan_sweep(
+        materials=tasks, jitters=1, scenes=("hanging",), inclinations=2, resolution_m=0.05, simulations_per_shard=1
+    )
+    points: list[tuple[int, int, int]] = []
+
+    def listen(word: SimulationDone) -> None:
+        points.append((len(points), word.process_id, word.rss_bytes))
+
+    run_sweep(url, configuration, fabrics, workers=2, recycle_after=tasks + 1, listen=listen)
+    return points
+
+
+class TalkingWorker:
+    """Simulates nothing and says so as fast as it can: what the driver itself can follow."""
+
+    def __init__(self, url: str, configuration: SweepConfiguration) -> None:
+        self.layout = configuration.layout
+
+    def run(self, task: ShardTask) -> Iterator[SimulationDone]:
+        """One word a simulation."""
+        numbers = self.layout.shard_simulations(task.shard)
+        for number in numbers:
+            yield SimulationDone(number, RowStatus.OK, number, os.getpid(), 0, number == numbers[-1])
+
+
+def driver_words_per_cpu_s() -> float:
+    """Simulations a second of its own CPU time that the driver's loop can follow."""
+    configuration, fabrics = plan_sweep(materials=1600, jitters=1, simulations_per_shard=32)
+    with ray_cluster("local", 2) as workers:
+        dispatcher = Dispatcher("", configuration, fabrics, DispatchOptions(workers), worker_class=TalkingWorker)
+        start = time.process_time()
+        dispatcher.run(range(configuration.layout.shards))
+        return configuration.layout.simulations / (time.process_time() - start)
+
+
+def draw_memory(points: list[tuple[int, int, int]], path: Path) -> None:
+    """Resident memory against tasks."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 3), layout="constrained")
+    axes = figure.add_subplot(xlabel="tasks (whole shards)", ylabel="resident memory of a worker [MB]")
+    for worker in sorted({process for _, process, _ in points}):
+        mine = [(task, rss / 1e6) for task, process, rss in points if process == worker]
+        axes.plot(*zip(*mine, strict=True), label=f"worker {worker}")
+    axes.set_ylim(bottom=0)
+    axes.legend()
+    figure.savefig(path, dpi=90)
+
+
+def growth_mb(points: list[tuple[int, int, int]]) -> float:
+    """Largest growth of a worker between the first tenth of its tasks and the last [MB]."""
+    growths = []
+    for worker in {process for _, process, _ in points}:
+        rss = np.array([r for _, process, r in points if process == worker]) / 1e6
+        tenth = max(1, len(rss) // 10)
+        growths.append(float(np.median(rss[-tenth:]) - np.median(rss[tenth : 2 * tenth])))
+    return max(growths)
+
+
+def reading(url: str) -> dict[str, float]:
+    """Pictures a second of CPU time: shards decoded, and pairs out of the training loader (no cache, no resizing)."""
+    from trainer.dataset import PairStream
+    from trainer.store_source import StoreSource
+
+    store = Store.open(url)
+    store.depth_counts(0)
+    start, pictures = time.process_time(), 0
+    for shard in range(store.shards):
+        pictures += len(store.depth_counts(shard))
+    decoded = pictures / (time.process_time() - start)
+    source = StoreSource(url)
+    table = source.table()
+    start, pictures = time.process_time(), 0
+    for _, present, _, _ in PairStream(source, table, size=256, passes=1, cache_bytes=0):
+        pictures += int(present.sum())
+    return {"decoded_per_s": decoded, "loader_per_s": pictures / (time.process_time() - start)}
+
+
+def report(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """Run everything."""
+    configuration, fabrics = plan_sweep(
+        materials=options.materials, jitters=1, resolution_m=options.resolution, simulations_per_shard=2
+    )
+    plain = bare(configuration, fabrics)
+    one = service(configuration, fabrics, 1, str(folder / "one.zarr"))
+    two = service(configuration, fabrics, 2, str(folder / "two.zarr"))
+    same = Store.open(folder / "one.zarr").checksums.tobytes() == Store.open(folder / "two.zarr").checksums.tobytes()
+    store = inspect_store(Store.open(folder / "two.zarr"))
+    points = memory(options.tasks, str(folder / "many.zarr"))
+    if options.figure:
+        draw_memory(points, options.figure)
+    return {
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
+        "simulations": configuration.layout.simulations,
+        "resolution_m": options.resolution,
+        "bare_cpu_s": plain.cpu_s,
+        "bare_wall_s": plain.wall_s,
+        "service_cpu_s": one.cpu_s,
+        "service_wall_s": one.wall_s,
+        "overhead_cpu": one.cpu_s / plain.cpu_s - 1.0,
+        "overhead_wall": one.wall_s / plain.wall_s - 1.0,
+        "two_workers_wall_s": two.wall_s,
+        "two_workers_cpu_s": two.cpu_s,
+        "speed_up_wall": one.wall_s / two.wall_s,
+        "start_s": one.start_s,
+        "same_bits": same,
+        "failed": store.failed,
+        "bytes_per_picture": store.bytes_per_picture,
+        "times_smaller_than_float32": store.float32_ratio,
+        "bytes_per_simulation": store.stored_bytes / configuration.layout.simulations,
+        **reading(str(folder / "two.zarr")),
+        "driver_simulations_per_cpu_s": driver_words_per_cpu_s(),
+        "tasks": options.tasks,
+        "rss_growth_mb": growth_mb(points),
+        "rss_mb": points[-1][2] / 1e6,
+    }
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--materials", type=int, default=12)
+    parser.add_argument("--resolution", type=float, default=0.01)
+    parser.add_argument("--tasks", type=int, default=1000)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--figure", type=Path)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        numbers = report(options, Path(folder))
+    for name, value in numbers.items():
+        print(f"{name:28s} {value:.4g}" if isinstance(value, float) else f"{name:28s} {value}")
+    if options.json:
+        options.json.write_text(json.dumps(numbers, indent=1))
+
+
+if __name__ == "__main__":
+    main()
