@@ -163,7 +163,7 @@ def form_product(x: ti.template(), k: ti.template(), j, i):
 
 @ti.kernel
 def form_energy(x: array3, k: array3, cells: array2) -> ti.f64:
-    """½ xᵀ K x of the 13-point form [J], as -½ Σ K_ij |x_i - x_j|²: rounding as of the cells' size, not the sample's."""
+    """½ xᵀ K x of the 13-point form [J], as -½ Σ K_ij |x_i - x_j|²: rounds as cells do, not as the sample."""
     rows, columns = x.shape[0], x.shape[1]
     for j, i in ti.ndrange(rows, columns):
         energy = ti.cast(0.0, ti.f64)
