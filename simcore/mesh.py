@@ -38,7 +38,7 @@ class GridMesh:
             if abs(cells - round(cells)) > 1e-6 or round(cells) < 4:
                 raise InputError(
                     f"resolution {h} m does not divide the sample's {length} m into at least 4 whole cells: "
-                    f"try {length / max(4, round(cells)):.6g}",
+                    f"try {length / max(4, round(cells)):.9g}",
                     code="resolution_does_not_divide",
                 )
 

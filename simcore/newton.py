@@ -80,6 +80,8 @@ class Newton:
         energy, gradient = level.energy(x), level.gradient(x)
         residual = level.residual(gradient)
         for iteration in range(options.iterations + 1):
+            if not math.isfinite(residual):
+                break
             near = residual < options.tolerance
             if near and not options.certify:
                 return Rest(x, residual, False, iteration, True)

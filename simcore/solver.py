@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore import lang
+from simcore.checks import check_request
 from simcore.contact import REACH_M, PanelContact
 from simcore.drape import Drape, DrapeStatus
-from simcore.errors import InputError
 from simcore.grid import Grid
 from simcore.level import Level
 from simcore.mechanics import Jitter, Mechanics
@@ -101,16 +101,9 @@ class Solver:
             The drape, with a status and a reason when it is not still.
 
         Raises:
-            InputError: the set-up's sample is not the mesh's, or ``start`` is of another mesh.
+            InputError: the set-up's sample is not the mesh's, its pins cannot hold it, or ``start`` is of another mesh.
         """
-        if any(abs(a - b) > 1e-9 for a, b in zip(setup.sample_size_m, self.mesh.size_m, strict=True)):
-            raise InputError(
-                f"the mesh is for a sample of {self.mesh.size_m} m, the set-up has {setup.sample_size_m} m: "
-                "make the mesh for the sample",
-                code="mesh_mismatch",
-            )
-        if start is not None and start.mesh != self.mesh:
-            raise InputError("a drape can only be continued on the mesh it was made on", code="mesh_mismatch")
+        check_request(self.mesh, setup, start, time_limit_s)
         began = time.process_time()
         deadline = math.inf if time_limit_s is None else began + time_limit_s
         sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)

@@ -1,0 +1,70 @@
+"""What a simulation is refused for before anything is solved."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+
+from simcore.drape import Drape
+from simcore.errors import InputError
+from simcore.mesh import GridMesh
+from simcore.scenes import Setup
+
+LARGEST_PIN_STRETCH = 1.3
+"""Two pins may be this many times as far apart as the cloth between them is long; beyond, any cloth tears."""
+
+_CORNERS = {"top_left": (0.0, 0.0), "top_right": (1.0, 0.0), "bottom_right": (1.0, 1.0)}
+
+
+def check_request(mesh: GridMesh, setup: Setup, start: Drape | None, time_limit_s: float | None) -> None:
+    """Check that a set-up, a drape to start from and a time limit can be used on a mesh.
+
+    Raises:
+        InputError: they cannot; the message says how to mend it.
+    """
+    if any(abs(a - b) > 1e-9 for a, b in zip(setup.sample_size_m, mesh.size_m, strict=True)):
+        raise InputError(
+            f"the mesh is for a sample of {mesh.size_m} m, the set-up has {setup.sample_size_m} m: "
+            "make the mesh for the sample",
+            code="mesh_mismatch",
+        )
+    if time_limit_s is not None and not time_limit_s >= 0.0:
+        raise InputError(f"time limit {time_limit_s} s must be 0 or more, or None for none", code="time_limit")
+    _check_pins(setup)
+    if start is not None:
+        _check_start(mesh, start)
+
+
+def _check_pins(setup: Setup) -> None:
+    for name, place in setup.pins_m.items():
+        if setup.panel and place[2] < 0.0:
+            raise InputError(
+                f"pin {name} at z = {place[2]:g} m is behind the panel: give z >= 0, or a set-up without a panel",
+                code="pin_behind_panel",
+            )
+    size = np.asarray(setup.sample_size_m)
+    for (a, place_a), (b, place_b) in combinations(setup.pins_m.items(), 2):
+        cloth = float(np.linalg.norm((np.asarray(_CORNERS[a]) - _CORNERS[b]) * size))
+        apart = math.dist(place_a, place_b)
+        if apart > LARGEST_PIN_STRETCH * cloth:
+            raise InputError(
+                f"pins {a} and {b} are {apart:.3g} m apart, the cloth between them is {cloth:.3g} m long: "
+                "give pin positions on the sample, in metres",
+                code="pins_apart",
+            )
+
+
+def _check_start(mesh: GridMesh, start: Drape) -> None:
+    if start.mesh != mesh:
+        raise InputError("a drape can only be continued on the mesh it was made on", code="mesh_mismatch")
+    if start.vertices.shape != (mesh.vertex_count, 3):
+        raise InputError(
+            f"the drape to start from has vertices of shape {start.vertices.shape}, the mesh has {mesh.vertex_count}",
+            code="mesh_mismatch",
+        )
+    if not np.isfinite(start.vertices).all():
+        raise InputError(
+            "the drape to start from has vertices that are not finite: start afresh", code="start_not_finite"
+        )

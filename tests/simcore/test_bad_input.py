@@ -1,0 +1,153 @@
+"""What cannot be simulated is refused in one line that says what to do, before anything is solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from simcore.drape import Drape
+from simcore.errors import DrapemeterError, InputError
+from simcore.mechanics import Mechanics
+from simcore.mesh import GridMesh
+from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
+from simcore.scenes import Scene, Setup
+from simcore.solver import Solver
+
+from .rigs import FABRICS, Newton, NewtonOptions, Rig, strip
+
+MEDIUM = FABRICS["medium"]
+HANGING = Setup.nominal(Scene.HANGING)
+
+
+def refused(work: Callable[[], Any], *words: str) -> InputError:
+    """The error, checked for being one line that names the words."""
+    with pytest.raises(InputError) as caught:
+        work()
+    message = str(caught.value)
+    assert "\n" not in message and len(message) < 300
+    assert all(word in message for word in words), message
+    assert caught.value.code.replace("_", "").isalnum() and caught.value.code.islower()
+    assert isinstance(caught.value, DrapemeterError)
+    return caught.value
+
+
+@pytest.mark.parametrize("name", PARAMETER_NAMES)
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 0.0, -1.0, 1e9, 1e-12])
+def test_values_that_no_fabric_has(name: str, value: float) -> None:
+    error = refused(lambda: replace(MEDIUM, **{name: value}), name)
+    assert error.code == "parameter_out_of_range"
+
+
+@pytest.mark.parametrize("value", ["0.2", None, True, [0.2], 1 + 2j])
+def test_values_that_are_no_numbers(value: object) -> None:
+    assert refused(lambda: replace(MEDIUM, density=value), "density").code == "parameter_not_a_number"
+
+
+def test_a_gram_for_a_kilogram_is_noticed() -> None:
+    refused(lambda: replace(MEDIUM, density=200.0), "density", "kg/m²")
+    refused(lambda: replace(MEDIUM, bending_warp=15.0), "bending_warp", "N·m")
+
+
+def test_vectors_and_files_that_are_no_fabric(tmp_path: Path) -> None:
+    refused(lambda: FabricParameters.from_array([1.0, 2.0]), "seven")
+    refused(lambda: FabricParameters.from_mapping({"density": 0.2}), "stretch_warp")
+    refused(lambda: FabricParameters.load(tmp_path / "none.json"), "no such file")
+    for text, word in (("{", "JSON"), ("[1]", "object"), ('{"density": "x"}', "lack")):
+        path = tmp_path / "p.json"
+        path.write_text(text)
+        refused(lambda path=path: FabricParameters.load(path), word)
+
+
+def test_limits_themselves_are_allowed() -> None:
+    for name, (low, high) in LIMITS.items():
+        assert getattr(replace(MEDIUM, **{name: low}), name) == low
+        assert getattr(replace(MEDIUM, **{name: high}), name) == high
+
+
+@pytest.mark.parametrize("resolution", [0.03, 0.0077, 0.07])
+def test_a_resolution_that_does_not_divide_the_sample(resolution: float) -> None:
+    error = refused(lambda: GridMesh(resolution), "divide")
+    assert error.code == "resolution_does_not_divide"
+    suggested = float(str(error).rsplit(" ", 1)[-1])
+    GridMesh(suggested)  # what it says to try works
+
+
+@pytest.mark.parametrize("resolution", [0.0, -0.01, math.nan, math.inf, 1e-5, 0.4])
+def test_resolutions_that_are_absurd(resolution: float) -> None:
+    assert refused(lambda: GridMesh(resolution), "resolution").code == "resolution_out_of_range"
+
+
+def test_scenes_and_set_ups() -> None:
+    assert refused(lambda: Setup.nominal("lying"), "lying", "hanging").code == "scene_unknown"
+    assert refused(lambda: replace(HANGING, pin_radius_m=0.3), "pin radius").code == "pin_radius"
+    assert refused(lambda: replace(HANGING, pin_radius_m=math.nan), "pin radius").code == "pin_radius"
+    assert refused(lambda: replace(HANGING, sample_size_m=(0.5, -0.5)), "sample size").code == "sample_size"
+    assert refused(lambda: replace(HANGING, sample_size_m=(0.5, math.nan)), "sample size").code == "sample_size"
+    assert refused(lambda: Setup(Scene.STRETCH, pins_m=HANGING.pins_m), "bottom_right").code == "pins_missing"
+    assert refused(lambda: HANGING.with_pins(middle=(0.0, 0.0, 0.0)), "pins").code == "pins_missing"
+    for place in ((math.nan, 0.0, 0.0), (0.0, 0.0), (math.inf, 0.0, 0.0)):
+        refused(lambda place=place: HANGING.with_pins(top_left=place), "top_left")
+
+
+@pytest.mark.parametrize(
+    ("place", "code"),
+    [((-0.2, 0.0, -0.01), "pin_behind_panel"), ((-3.0, 0.0, 0.0), "pins_apart"), ((-0.2, 40.0, 0.0), "pins_apart")],
+)
+def test_pins_where_no_sample_can_be_pinned(place: tuple[float, float, float], code: str, solver: Solver) -> None:
+    """Behind the panel, or so far apart that the cloth between them would tear."""
+    assert refused(lambda: solver.solve(MEDIUM, HANGING.with_pins(top_left=place)), "pin", "top_left").code == code
+
+
+def test_mechanics_without_meaning() -> None:
+    for change in (
+        {"air_pressure_pa": math.nan},
+        {"gravity": (0.0, 0.0, 0.0)},
+        {"gravity": (0.0, math.inf, 0.0)},
+        {"stiffening_strain": 0.0},
+        {"stiffening_strain": -0.1},
+        {"stiffening_strain": math.nan},
+        {"hem_kg_m": -0.1},
+        {"adhesion_pa": -1.0},
+        {"adhesion_range_m": 0.0},
+        {"friction": -0.1},
+        {"friction": math.nan},
+    ):
+        assert refused(lambda change=change: Mechanics(**change)).code == "mechanics"
+
+
+def test_a_mesh_of_another_sample(solver: Solver) -> None:
+    small = Setup.nominal(Scene.HANGING, sample_size_m=(0.4, 0.5))
+    refused(lambda: solver.solve(MEDIUM, small), "0.4", "0.5")
+
+
+def test_a_start_from_another_mesh(solver: Solver, drapes: dict[tuple[str, Scene], Drape]) -> None:
+    other = replace(drapes["medium", Scene.HANGING], mesh=GridMesh(0.05))
+    error = refused(lambda: solver.solve(MEDIUM, HANGING, start=other), "mesh")
+    assert error.code == "mesh_mismatch"
+
+
+def test_a_start_that_is_no_drape(solver: Solver, drapes: dict[tuple[str, Scene], Drape]) -> None:
+    good = drapes["medium", Scene.HANGING]
+    broken = replace(good, vertices=np.full_like(good.vertices, np.nan))
+    refused(lambda: solver.solve(MEDIUM, HANGING, start=broken), "finite")
+    short = replace(good, vertices=good.vertices[:-1])
+    refused(lambda: solver.solve(MEDIUM, HANGING, start=short), "vertices")
+
+
+@pytest.mark.parametrize("limit", [-1.0, math.nan])
+def test_a_time_limit_that_is_none(limit: float, solver: Solver) -> None:
+    refused(lambda: solver.solve(MEDIUM, HANGING, time_limit_s=limit), "time")
+
+
+def test_newton_ends_on_positions_that_are_not_finite() -> None:
+    rig = Rig.of(strip(0.2, 0.1, 0.02), FABRICS["soft"], np.zeros((6, 11), dtype=bool))
+    x = rig.level.grid.rest.copy()
+    x[2, 2] = math.nan
+    rest = Newton(rig.level, NewtonOptions()).minimise(x)
+    assert not rest.converged and not rest.stable
