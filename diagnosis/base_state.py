@@ -7,11 +7,15 @@ from numpy.typing import NDArray
 
 from diagnosis.scene import SimulationScene
 from diagnosis.simulator import KeyedDrape, Simulator
+from diagnosis.state_library import SAME_STATE_M, StateLibrary, vertex_rms
 from renderer.depth import render_depth
 from simcore.drape import Drape
 from simcore.parameters import FabricParameters
 
 VISIBLE_M = 0.01
+ROUNDS = 2
+GOOD_ENOUGH_M = 0.0002
+"""A state whose difference from the capture is noise but for this needs no further search."""
 
 
 def picture_of(drape: Drape, scene: SimulationScene) -> NDArray[np.float32]:
@@ -29,19 +33,20 @@ def depth_rms(depth: NDArray[np.float32], other: NDArray[np.float32]) -> float:
     return float(np.sqrt(np.mean((depth[both].astype(np.float64) - other[both]) ** 2)))
 
 
-def warp_to_picture(drape: Drape, scene: SimulationScene, depth: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Vertices moved along their rays to the capture's (lightly smoothed) depth, [vertex_count, 3], panel frame.
+def warp_to_picture(
+    drape: Drape, scene: SimulationScene, depth: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Vertices moved along their rays to the capture's (lightly smoothed) depth, and which of them are seen.
 
-    Hidden vertices stay. The result is no equilibrium: the solver is started from it and falls into the fold state
-    that the capture shows, where the simulated cloth has one.
+    Hidden vertices stay. Returns positions [vertices, 3] in the panel frame and bool [vertices].
     """
     from scipy import ndimage
 
     pose = scene.camera_from_panel
     own = picture_of(drape, scene)
     known = (depth > 0) & (own > 0)
-    blurred = ndimage.gaussian_filter(np.where(known, depth - own, 0.0), 2.0)
-    weight = ndimage.gaussian_filter(known.astype(np.float64), 2.0)
+    blurred = ndimage.gaussian_filter(np.where(known, depth - own, 0.0), 1.5)
+    weight = ndimage.gaussian_filter(known.astype(np.float64), 1.5)
     residual = blurred / np.maximum(weight, 1e-6)
     points = drape.vertices @ pose[:3, :3].T + pose[:3, 3]
     pixels = scene.camera.project(points)
@@ -53,7 +58,7 @@ def warp_to_picture(drape: Drape, scene: SimulationScene, depth: NDArray[np.floa
     vertices = (moved - pose[:3, 3]) @ pose[:3, :3]
     if scene.setup.panel:
         vertices[:, 2] = np.maximum(vertices[:, 2], 2e-4)
-    return np.asarray(vertices)
+    return np.asarray(vertices), visible
 
 
 def nearest_state(
@@ -63,17 +68,39 @@ def nearest_state(
     depth: NDArray[np.float32],
     candidates: list[KeyedDrape],
 ) -> tuple[KeyedDrape, float]:
-    """The nearest of some drapes, of that one's mirror image and of what the solver finds from the capture's shape.
+    """The nearest of some fold states and of the equilibrium that the solver finds when led by the capture's heights.
+
+    Args:
+        simulator, fabric, scene: what is simulated.
+        depth: of the capture [m].
+        candidates: states put up without the capture; at least one.
 
     Returns:
         The drape and its root mean square difference from the capture [m].
     """
-    scored = [(depth_rms(depth, picture_of(c.drape, scene)), n, c) for n, c in enumerate(candidates)]
-    _, _, best = min(scored)
-    guided = simulator.proceed(
-        simulator.shaped(best.drape.mesh, warp_to_picture(best.drape, scene, depth)), fabric, scene
-    )
-    scored.append((depth_rms(depth, picture_of(guided.drape, scene)), len(scored), guided))
+    library = StateLibrary.of(simulator.cache, candidates[0].drape.mesh, fabric, scene)
+    known = _distinct([*candidates, *library.states()])
+    scored = [(depth_rms(depth, picture_of(c.drape, scene)), n, c) for n, c in enumerate(known)]
+    rms, _, best = min(scored)
+    if rms**2 > noise_square(scene) + GOOD_ENOUGH_M**2:
+        led = simulator.led(best, fabric, scene, depth)
+        if led.drape.ok:
+            led = library.canonical(led, known)
+            scored.append((depth_rms(depth, picture_of(led.drape, scene)), len(scored), led))
     usable = [entry for entry in scored if entry[2].drape.ok] or scored
     rms, _, best = min(usable)
     return best, rms
+
+
+def _distinct(states: list[KeyedDrape]) -> list[KeyedDrape]:
+    """Without states that are the same as an earlier one."""
+    kept: list[KeyedDrape] = []
+    for state in states:
+        if all(vertex_rms(state.drape, other.drape) >= SAME_STATE_M for other in kept):
+            kept.append(state)
+    return kept
+
+
+def noise_square(scene: SimulationScene) -> float:
+    """Variance of the sensor's stated noise [m²]."""
+    return scene.sensor.range_noise_m**2 + scene.sensor.quantisation_m**2 / 12.0

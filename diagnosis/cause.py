@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
 
+from diagnosis.block import Block, PixelBlock
 from diagnosis.effects import get_effect
-from diagnosis.evidence import (
-    EffectEvidence,
-    EvidenceModel,
-    explain_nothing,
-    explain_scalar,
-    explain_unknown,
-    explain_vector,
-)
-from diagnosis.noise import Block, PixelBlock
+from diagnosis.evidence import Evidence, explain, explain_nothing, explain_unknown
+from diagnosis.likelihood import LikelihoodModel
+
+NOT_EFFECTS = ("none", "unknown")
+
+
+@dataclass(frozen=True)
+class CausePrior:
+    """Probabilities before anything is seen; the rest is shared evenly by the effects."""
+
+    none: float = 0.3
+    unknown: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Cause:
     """
 
     probabilities: Mapping[str, float]
-    evidence: Mapping[str, EffectEvidence]
+    evidence: Mapping[str, Evidence]
 
     @property
     def top(self) -> str:
@@ -39,17 +43,18 @@ class Cause:
 
 
 def name_cause(
-    effects: tuple[str, ...], blocks: list[Block], pixels: PixelBlock, model: EvidenceModel = EvidenceModel()
+    effects: Sequence[str],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel = LikelihoodModel(),
+    prior: CausePrior = CausePrior(),
 ) -> Cause:
     """Weigh all explanations against one another."""
     evidence = {"none": explain_nothing(blocks, pixels, model), "unknown": explain_unknown(blocks, pixels, model)}
     for name in effects:
-        effect = get_effect(name)
-        explain = explain_vector if effect.vector else explain_scalar
-        evidence[name] = explain(effect, blocks, pixels, model)
-    share = (1.0 - model.none_prior) / max(len(effects) + 1, 1)
-    log_weight = {
-        name: e.log_evidence + np.log(model.none_prior if name == "none" else share) for name, e in evidence.items()
-    }
-    total = float(logsumexp(list(log_weight.values())))
-    return Cause({name: float(np.exp(w - total)) for name, w in log_weight.items()}, evidence)
+        evidence[name] = explain(get_effect(name), blocks, pixels, model)
+    share = (1.0 - prior.none - prior.unknown) / max(len(effects), 1)
+    before = {"none": prior.none, "unknown": prior.unknown}
+    weight = {name: e.log_evidence + np.log(before.get(name, share)) for name, e in evidence.items()}
+    total = float(logsumexp(list(weight.values())))
+    return Cause({name: float(np.exp(w - total)) for name, w in weight.items()}, evidence)

@@ -7,18 +7,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from capture.capture_set import CaptureSet
-from diagnosis.cause import Cause, name_cause
+from diagnosis.block import Block, make_block, make_pixel_block
+from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
 from diagnosis.detection import detect
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR, Stage
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.evidence import EvidenceModel
 from diagnosis.fabric_task import FabricResult, FabricTask, explain_fabric
-from diagnosis.noise import Block, NoiseModel, make_block, make_pixel_block
+from diagnosis.likelihood import LikelihoodModel
+from diagnosis.noise import NoiseModel
 from diagnosis.preparation import prepare_tasks
 from diagnosis.regions import region_gaps
 from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport, StageName
-from diagnosis.shrinkage import NOT_EFFECTS, measure_shrinkage
+from diagnosis.shrinkage import measure_shrinkage
 from diagnosis.simulator import Cost
 from diagnosis.version import MODEL_VERSION
 from simcore.errors import InputError
@@ -129,7 +130,7 @@ def conclude(
     assumed: tuple[str, ...] = (),
     began: float | None = None,
     noise: NoiseModel = NoiseModel(),
-    model: EvidenceModel = EvidenceModel(),
+    model: LikelihoodModel = LikelihoodModel(),
 ) -> Diagnosis:
     """From simulations to the report: statistics alone."""
     blocks = []

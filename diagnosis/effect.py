@@ -70,6 +70,8 @@ class Effect:
         vector: the components are those of a vector: a size below ``low`` in one of them is no contradiction, the
             whole vector's length is in the range.
         random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
+        places: further components, set together: where or which way; tried one after the other, equally probable. The
+            first one is the default.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
     """
 
@@ -84,6 +86,7 @@ class Effect:
     vector: bool = False
     random_repeats: bool = False
     vanishes_at_zero: bool = True
+    places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
 
     def apply(self, scene: SimulationScene, magnitude: float | Size) -> SimulationScene:
         """The scene with the effect on.
@@ -101,20 +104,23 @@ class Effect:
     def size(self, magnitude: float | Size) -> dict[str, float]:
         """All components of a magnitude, checked. One number given to a vector sets its first component."""
         given = dict(magnitude) if isinstance(magnitude, Mapping) else {next(iter(self.components)): magnitude}
-        unknown = set(given) - set(self.components)
+        known = [*self.components, *self.places[0]]
+        unknown = set(given) - set(known)
         if unknown:
             raise InputError(
-                f"{self.name} has no component {', '.join(sorted(unknown))}: choose from {', '.join(self.components)}",
+                f"{self.name} has no component {', '.join(sorted(unknown))}: choose from {', '.join(known)}",
                 code="effect_component_unknown",
             )
         if not all(math.isfinite(value) for value in given.values()):
             raise InputError(f"{self.name}: a magnitude must be a finite number [{self.unit}]", code="effect_magnitude")
-        return {name: float(given.get(name, self._default(name))) for name in self.components}
+        size = {name: float(given.get(name, self._default(name))) for name in self.components}
+        return size | {name: float(given.get(name, value)) for name, value in self.places[0].items()}
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
         """A size from the prior; a vector's direction is uniform, its length log-uniform."""
         if not self.vector:
-            return {name: component.draw(rng) for name, component in self.components.items()}
+            place = self.places[int(rng.integers(len(self.places)))]
+            return {name: component.draw(rng) for name, component in self.components.items()} | dict(place)
         first = next(iter(self.components.values()))
         length = math.exp(rng.uniform(math.log(first.low), math.log(first.high)))
         direction = rng.standard_normal(len(self.components))
@@ -127,7 +133,7 @@ class Effect:
             first = next(iter(self.components.values()))
             share = math.sqrt(first.low * first.high / len(self.components))
             return dict.fromkeys(self.components, share)
-        return {name: math.sqrt(c.low * c.high) for name, c in self.components.items()}
+        return {name: math.sqrt(c.low * c.high) for name, c in self.components.items()} | dict(self.places[0])
 
     def _default(self, name: str) -> float:
         component = self.components[name]

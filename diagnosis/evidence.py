@@ -1,192 +1,203 @@
-"""How well each effect explains the captures: evidence by heavy-tailed likelihoods, magnitudes marginalised."""
+"""How well each effect explains the captures, its size marginalised."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
+from diagnosis.block import Block, PixelBlock, View
 from diagnosis.effect import SCALAR, Effect
-from diagnosis.noise import Block, PixelBlock
-from diagnosis.sizes import grid, interpolation, log_prior
+from diagnosis.likelihood import (
+    LikelihoodModel,
+    combine,
+    log_student,
+    pixel_log_likelihood,
+    pixel_unknown,
+    spoiled_log_likelihood,
+    view_log_likelihood,
+)
+from diagnosis.sizes import grid, interpolation, log_prior, node_values, vector_step
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class EvidenceModel:
-    """How the likelihood is formed.
-
-    Attributes:
-        degrees: Student's degrees of freedom of a block (one fabric in one scene).
-        dimension_share: share of a block's dimensions that counts as independent.
-        pixel_degrees: of the pixel statistics.
-        template_share: relative error of a simulated response.
-        unknown_penalty: log odds against ``unknown`` before anything is seen.
-        none_prior: prior probability of no effect.
-    """
-
-    degrees: float = 6.0
-    dimension_share: float = 0.15
-    pixel_degrees: float = 4.0
-    template_share: float = 0.2
-    unknown_penalty: float = 6.0
-    none_prior: float = 0.3
-
-
-@dataclass(frozen=True)
-class EffectEvidence:
-    """Evidence for one explanation.
+class Evidence:
+    """One explanation weighed.
 
     Attributes:
         name: effect, ``none`` or ``unknown``.
-        log_evidence: of all captures together.
-        by_fabric: the same at the best size, fabric and scene by fabric and scene.
-        size: most probable size by component; empty for ``none`` and ``unknown``.
-        interval_90: by component.
+        log_evidence: of all captures together, size marginalised.
+        best: log likelihood at the best size.
+        by_fabric: the same fabric by fabric.
+        size: most probable size, by component; empty for ``none`` and ``unknown``.
+        interval_90: of the components that have a prior.
     """
 
     name: str
     log_evidence: float
-    by_block: dict[tuple[str, str], float]
+    best: float
+    by_fabric: dict[str, float]
     size: dict[str, float]
     interval_90: dict[str, tuple[float, float]]
 
 
-def log_student(square: NDArray[np.float64] | float, dimension: float, degrees: float) -> NDArray[np.float64]:
-    """Log density of a standard multivariate Student t at squared length ``square``, up to the dimension's share."""
-    return np.asarray(
-        gammaln(0.5 * (degrees + dimension))
-        - gammaln(0.5 * degrees)
-        - 0.5 * dimension * np.log(degrees * np.pi)
-        - 0.5 * (degrees + dimension) * np.log1p(np.asarray(square) / degrees)
-    )
+def explain(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
+    """Weigh one effect, its size common to all fabrics."""
+    if effect.vector:
+        return _explain_vector(effect, blocks, pixels, model)
+    if effect.random_repeats:
+        return _explain_scatter(effect, blocks, pixels, model)
+    return _explain_scalar(effect, blocks, pixels, model)
 
 
-def block_log_likelihood(
-    residual: NDArray[np.float64], response: NDArray[np.float64], model: EvidenceModel
-) -> NDArray[np.float64]:
-    """Log likelihood of one block for many sizes at once.
-
-    The response has a relative error: covariance I + (share)² t tᵀ, by Sherman and Morrison.
-
-    Args:
-        residual: measured minus response, whitened, [sizes, n].
-        response: whitened, [sizes, n].
-        model: see there.
-    """
-    dimension = residual.shape[1] * model.dimension_share
-    square = np.einsum("gn,gn->g", residual, residual)
-    norm = np.einsum("gn,gn->g", response, response)
-    cross = np.einsum("gn,gn->g", residual, response)
-    weight = model.template_share**2
-    square = (square - weight * cross**2 / (1 + weight * norm)) * model.dimension_share
-    log_det = np.log1p(weight * norm)
-    return np.asarray(log_student(square, dimension, model.degrees) - 0.5 * log_det)
+def explain_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
+    """Weigh no effect."""
+    values = []
+    for block in blocks:
+        rows = [_at_rest(view, model) for view in block.views]
+        values.append(np.stack(rows))
+    total, fabrics = combine(blocks, values, model)
+    score = float(total[0]) + float(pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0])
+    return Evidence("none", score, score, {k: float(v[0]) for k, v in fabrics.items()}, {}, {})
 
 
-def explain_scalar(effect: Effect, blocks: list[Block], pixels: PixelBlock, model: EvidenceModel) -> EffectEvidence:
-    """Evidence of an effect whose size is one number, on a grid of sizes common to all fabrics."""
+def explain_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
+    """Weigh something that no effect describes: in the shape, in the pixels or in both."""
+    spoiled: dict[str, float] = {}
+    for block in blocks:
+        spoiled[block.fabric] = spoiled.get(block.fabric, 0.0) + spoiled_log_likelihood(block, model)
+    shape = sum(spoiled.values())
+    nothing = explain_nothing(blocks, pixels, model)
+    calm = float(pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0])
+    wild = pixel_unknown(pixels, model)
+    cases = [shape + calm, shape + wild, nothing.best - calm + wild]
+    score = float(logsumexp(cases) - np.log(len(cases)))
+    return Evidence("unknown", score, score, spoiled, {}, {})
+
+
+def _at_rest(view: View, model: LikelihoodModel) -> Array:
+    still = np.zeros((1, len(view.measured)))
+    return view_log_likelihood(view.measured[None], still, view.log_det, model)
+
+
+def _explain_scalar(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
+    """On a grid of sizes and over the effect's places."""
     sizes = grid(effect)
     weights = interpolation(effect, sizes)
-    by_block = {}
-    total = np.zeros(len(sizes))
-    for block in blocks:
-        response = weights @ block.responses[effect.name]
-        value = block_log_likelihood(block.measured - response, response, model)
-        by_block[block.fabric, block.scene] = value
-        total += value
-    total += _pixel_log_likelihood(pixels, weights @ pixels.responses[effect.name], model)
-    posterior = total + log_prior(effect, sizes)
+    count = weights.shape[1]
+    likelihood = np.empty((len(effect.places), len(sizes)))
+    parts: list[dict[str, Array]] = []
+    for number in range(len(effect.places)):
+        own = slice(number * count, (number + 1) * count)
+        values = []
+        for block in blocks:
+            rows = []
+            for view in block.views:
+                response = weights @ view.responses[effect.name][own]
+                rows.append(view_log_likelihood(view.measured - response, response, view.log_det, model))
+            values.append(np.stack(rows))
+        total, fabrics = combine(blocks, values, model)
+        parts.append(fabrics)
+        likelihood[number] = total + pixel_log_likelihood(pixels, weights @ pixels.responses[effect.name][own], model)
+    posterior = likelihood + log_prior(effect, sizes) - np.log(len(effect.places))
     evidence = float(logsumexp(posterior))
-    mass = np.exp(posterior - evidence)
-    best = int(np.argmax(posterior))
-    order = np.argsort(sizes)
-    cumulative = np.cumsum(mass[order])
-    low, high = (float(np.interp(q, cumulative, sizes[order])) for q in (0.05, 0.95))
-    return EffectEvidence(
+    place, best = np.unravel_index(int(np.argmax(posterior)), posterior.shape)
+    return Evidence(
         effect.name,
         evidence,
-        {key: float(value[best]) for key, value in by_block.items()},
-        {SCALAR: float(sizes[best])},
-        {SCALAR: (low, high)},
+        float(likelihood[place, best]),
+        {key: float(value[best]) for key, value in parts[place].items()},
+        {SCALAR: float(sizes[best])} | dict(effect.places[place]),
+        {SCALAR: _interval(sizes, np.exp(posterior - evidence).sum(axis=0))},
     )
 
 
-def explain_vector(effect: Effect, blocks: list[Block], pixels: PixelBlock, model: EvidenceModel) -> EffectEvidence:
-    """Evidence of an effect with a linear response to a vector: Gaussian prior, Laplace's approximation.
+def _explain_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
+    """An effect that is another in every repeat widens the blocks' covariance.
 
-    The blocks' Student weights are found by repeated reweighting (EM for the t distribution).
+    The responses simulated for some random draws give the spread; captures are taken as independent of one another.
     """
-    component = next(iter(effect.components.values()))
-    step = float(np.sqrt(component.low * component.high))
-    prior_sigma = step / np.sqrt(len(effect.components)) * 1.2
+    sizes = grid(effect)
+    step = np.abs(sizes) / node_values(effect)[0]
+    values = []
+    for block in blocks:
+        rows = []
+        for view in block.views:
+            draws = view.scatter[effect.name] / np.sqrt(len(effect.places))
+            _, spread, directions = np.linalg.svd(draws, full_matrices=False)
+            along = directions @ view.measured
+            dimension = len(view.measured) * model.dimension_share
+            rest = float(view.measured @ view.measured) - float(along @ along)
+            variance = 1.0 + np.outer(step**2, spread**2)
+            square = (rest + (along**2 / variance).sum(axis=1)) * model.dimension_share
+            row = log_student(square, dimension, model.degrees) - model.dimension_share * view.log_det
+            rows.append(row - 0.5 * model.dimension_share * np.log(variance).sum(axis=1))
+        values.append(np.stack(rows))
+    total, fabrics = combine(blocks, values, model)
+    likelihood = total + pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0]
+    posterior = likelihood + log_prior(effect, sizes)
+    evidence = float(logsumexp(posterior))
+    best = int(np.argmax(posterior))
+    return Evidence(
+        effect.name,
+        evidence,
+        float(likelihood[best]),
+        {key: float(value[best]) for key, value in fabrics.items()},
+        {SCALAR: float(sizes[best])} | dict(effect.places[0]),
+        {SCALAR: _interval(sizes, np.exp(posterior - evidence))},
+    )
+
+
+def _explain_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
+    """Linear response, Gaussian prior, Laplace's approximation; Student weights by repeated reweighting."""
+    step = vector_step(effect)
     count = len(effect.components)
-    size = np.zeros(count)
-    hessian = np.eye(count)
+    prior_sigma = 1.2 * step / np.sqrt(count)
+    size, hessian = np.zeros(count), np.eye(count)
     for _ in range(12):
         hessian = np.eye(count) / prior_sigma**2
         right = np.zeros(count)
         for block in blocks:
-            columns = block.responses[effect.name] / step
-            residual = block.measured - size @ columns
+            view = block.stated
+            columns = view.responses[effect.name] / step
+            residual = view.measured - size @ columns
             dimension = len(residual) * model.dimension_share
-            weight = (model.degrees + dimension) / (model.degrees + model.dimension_share * float(residual @ residual))
-            weight *= model.dimension_share
+            square = model.dimension_share * float(residual @ residual)
+            weight = model.dimension_share * (model.degrees + dimension) / (model.degrees + square)
             hessian += weight * columns @ columns.T
-            right += weight * columns @ block.measured
+            right += weight * columns @ view.measured
         size = np.linalg.solve(hessian, right)
-    total = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
-    total -= 0.5 * float(np.linalg.slogdet(hessian)[1])
-    by_block = {}
+    values = []
     for block in blocks:
-        response = (size @ block.responses[effect.name] / step)[None]
-        value = float(block_log_likelihood(block.measured - response, response, model)[0])
-        by_block[block.fabric, block.scene] = value
-        total += value
-    total += float(_pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0])
+        rows = []
+        for view in block.views:
+            response = (size @ view.responses[effect.name] / step)[None]
+            rows.append(view_log_likelihood(view.measured - response, response, view.log_det, model))
+        values.append(np.stack(rows))
+    total, fabrics = combine(blocks, values, model)
+    best = float(total[0]) + float(pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0])
+    occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
+    occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
     sigma = np.sqrt(np.diag(np.linalg.inv(hessian)))
     names = list(effect.components)
-    return EffectEvidence(
+    return Evidence(
         effect.name,
-        total,
-        by_block,
+        best + occam,
+        best,
+        {key: float(value[0]) for key, value in fabrics.items()},
         {n: float(s) for n, s in zip(names, size, strict=True)},
         {n: (float(s - 1.645 * d), float(s + 1.645 * d)) for n, s, d in zip(names, size, sigma, strict=True)},
     )
 
 
-def explain_nothing(blocks: list[Block], pixels: PixelBlock, model: EvidenceModel) -> EffectEvidence:
-    """Evidence of no effect."""
-    by_block = {}
-    for block in blocks:
-        still = np.zeros((1, len(block.measured)))
-        by_block[block.fabric, block.scene] = float(block_log_likelihood(block.measured[None], still, model)[0])
-    pixel = float(_pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0])
-    return EffectEvidence("none", sum(by_block.values()) + pixel, by_block, {}, {})
-
-
-def explain_unknown(blocks: list[Block], pixels: PixelBlock, model: EvidenceModel) -> EffectEvidence:
-    """Evidence of something that no effect describes: each block's errors larger by an unknown factor, log-uniform."""
-    factors = np.geomspace(1.0, 300.0, 25)
-    by_block = {}
-    for block in blocks:
-        dimension = len(block.measured) * model.dimension_share
-        square = float(block.measured @ block.measured) * model.dimension_share
-        values = log_student(square / factors**2, dimension, model.degrees) - dimension * np.log(factors)
-        by_block[block.fabric, block.scene] = float(logsumexp(values) - np.log(len(factors)))
-    dimension = len(pixels.measured)
-    square = float(pixels.measured @ pixels.measured)
-    values = log_student(square / factors**2, dimension, model.pixel_degrees) - dimension * np.log(factors)
-    pixel = float(logsumexp(values) - np.log(len(factors)))
-    return EffectEvidence("unknown", sum(by_block.values()) + pixel - model.unknown_penalty, by_block, {}, {})
-
-
-def _pixel_log_likelihood(
-    pixels: PixelBlock, response: NDArray[np.float64], model: EvidenceModel
-) -> NDArray[np.float64]:
-    """Log likelihood of the pixel statistics for many sizes; responses are uncertain by a share; independent t each."""
-    spread = np.sqrt(1.0 + (model.template_share * response) ** 2)
-    residual = (pixels.measured - response) / spread
-    values = log_student(residual**2, 1.0, model.pixel_degrees) - np.log(spread)
-    return np.asarray(values.sum(axis=1))
+def _interval(sizes: Array, mass: Array) -> tuple[float, float]:
+    """5 and 95 % points of a distribution on a grid."""
+    order = np.argsort(sizes)
+    cumulative = np.cumsum(mass[order])
+    low, high = (float(np.interp(q, cumulative, sizes[order])) for q in (0.05, 0.95))
+    return low, high

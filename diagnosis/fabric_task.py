@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from diagnosis.base_state import depth_rms, nearest_state, picture_of
 from diagnosis.drape_cache import DrapeCache
-from diagnosis.effect import Effect, Size, Stage
+from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.features import Features, measure
 from diagnosis.reference import Reference, make_reference
@@ -24,7 +24,8 @@ BASE_JITTER = Jitter(force_weights=1.0, pin_m=0.0, placement_m=0.02)
 BASE_SEEDS = {"hanging": 4, "stretch": 2}
 PARAMETER_STEP = 0.07
 """Relative change by which the responses to the seven parameters are found."""
-SAME_STATE_M = 0.0003
+COARSE_TOO_FAR_M = 0.004
+"""A coarse state further from its fine origin than this fell into other folds and is not used."""
 
 
 @dataclass(frozen=True)
@@ -106,15 +107,20 @@ class FabricResult:
     cost: Cost = field(default_factory=Cost)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _State:
-    """A base state with its responses, shared by the captures that show it."""
+    """A base state with what it turns into, shared by the captures that show it.
+
+    ``drape`` is fine; ``origin`` is the same state on the mesh of the variations, which start from it.
+    """
 
     drape: KeyedDrape
     picture: NDArray[np.float32]
     reference: Reference
-    fabric_drapes: list[KeyedDrape]
-    effect_drapes: dict[tuple[str, int], KeyedDrape]
+    origin: KeyedDrape
+    coarse: Reference
+    parameters: tuple[KeyedDrape, ...]
+    effects: dict[tuple[str, int], KeyedDrape]
 
 
 def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
@@ -128,33 +134,47 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
     for name in sorted({c.scene.setup.scene.value for c in task.captures}):
         states: list[_State] = []
         for capture in (c for c in task.captures if c.scene.setup.scene.value == name):
-            mesh = GridMesh(task.resolution_m, capture.scene.setup.sample_size_m)
-            seeds = range(BASE_SEEDS[name])
-            bases = [simulator.put_up(mesh, task.parameters, capture.scene, seed, BASE_JITTER) for seed in seeds]
-            drape, rms = nearest_state(simulator, task.parameters, capture.scene, capture.depth, bases)
-            number = _state_number(simulator, task, capture, drape, states)
+            drape, rms = find_state(simulator, task, capture)
+            number = next((n for n, state in enumerate(states) if state.drape.key == drape.key), len(states))
+            if number == len(states):
+                states.append(_vary(simulator, task, capture, drape))
             results.append(_explain_capture(task, capture, states[number], number, rms))
     return FabricResult(task, tuple(results), simulator.cost)
 
 
-def _state_number(
-    simulator: Simulator, task: FabricTask, capture: CaptureTask, drape: KeyedDrape, states: list[_State]
-) -> int:
-    picture = picture_of(drape.drape, capture.scene)
-    for number, state in enumerate(states):
-        if state.picture.shape == picture.shape and depth_rms(picture, state.picture) < SAME_STATE_M:
-            return number
-    fabric_drapes = [simulator.proceed(drape, _changed(task.parameters, index), capture.scene) for index in range(7)]
-    effect_drapes = {}
+def find_state(simulator: Simulator, task: FabricTask, capture: CaptureTask) -> tuple[KeyedDrape, float]:
+    """The fold state nearest to a capture, and its distance from it [m]."""
+    mesh = GridMesh(task.resolution_m, capture.scene.setup.sample_size_m)
+    seeds = range(BASE_SEEDS[capture.scene.setup.scene.value])
+    bases = [simulator.put_up(mesh, task.parameters, capture.scene, seed, BASE_JITTER) for seed in seeds]
+    return nearest_state(simulator, task.parameters, capture.scene, capture.depth, bases)
+
+
+def _vary(simulator: Simulator, task: FabricTask, capture: CaptureTask, drape: KeyedDrape) -> _State:
+    """Let the state go on with each parameter and each effect changed."""
+    scene = capture.scene
+    origin = simulator.coarser(drape, task.parameters, scene)
+    if depth_rms(picture_of(origin.drape, scene), picture_of(drape.drape, scene)) > COARSE_TOO_FAR_M:
+        origin = drape
+    parameters = tuple(simulator.proceed(origin, _changed(task.parameters, index), scene) for index in range(7))
+    effects = {}
     for name in task.effects:
         effect = get_effect(name)
         for number, size in enumerate(nodes(effect)):
-            changed = effect.apply(capture.scene, size)
-            if changed.setup != capture.scene.setup or changed.mechanics != capture.scene.mechanics:
-                effect_drapes[name, number] = simulator.proceed(drape, task.parameters, changed)
-    reference = make_reference(drape.drape, capture.scene)
-    states.append(_State(drape, picture, reference, fabric_drapes, effect_drapes))
-    return len(states) - 1
+            changed = effect.apply(scene, size)
+            if changed.setup != scene.setup or changed.mechanics != scene.mechanics:
+                effects[name, number] = simulator.proceed(origin, task.parameters, changed)
+    picture = picture_of(drape.drape, scene)
+    coarse = make_reference(origin.drape, _smaller(scene), least_pixels=3)
+    return _State(drape, picture, make_reference(drape.drape, scene), origin, coarse, parameters, effects)
+
+
+def _smaller(scene: SimulationScene) -> SimulationScene:
+    """The scene seen by half as many pixels each way, for pictures without noise; unchanged where that is not whole."""
+    camera = scene.camera
+    if camera.width % 2 or camera.height % 2 or camera.width < 400:
+        return scene
+    return replace(scene, camera=camera.scaled(0.5))
 
 
 def _changed(parameters: FabricParameters, index: int) -> FabricParameters:
@@ -164,55 +184,43 @@ def _changed(parameters: FabricParameters, index: int) -> FabricParameters:
 
 
 def _explain_capture(task: FabricTask, capture: CaptureTask, state: _State, number: int, rms: float) -> CaptureResult:
-    reference = state.reference
-    base = measure(state.picture, reference, with_pixels=False).vector()
-    jacobian = np.stack(
-        [
-            _clean(measure(picture_of(d.drape, capture.scene), reference, with_pixels=False).vector() - base)
-            / PARAMETER_STEP
-            for d in state.fabric_drapes
-        ]
-    )
+    scene = capture.scene
+
+    def vector(drape: KeyedDrape, seen: SimulationScene) -> NDArray[np.float64]:
+        return measure(picture_of(drape.drape, _smaller(seen)), state.coarse, with_pixels=False).vector()
+
+    base = vector(state.origin, scene)
+    jacobian = np.stack([_clean(vector(d, scene) - base) / PARAMETER_STEP for d in state.parameters])
+    sensed = _sensed(state.picture, scene, state.reference)
+    still = np.zeros(len(sensed.pixels))
     responses: dict[str, list[tuple[NDArray[np.float64], NDArray[np.float64]]]] = {}
-    sensed = _sensed(state.picture, capture.scene, reference)
     for name in task.effects:
         effect = get_effect(name)
-        responses[name] = [
-            _response(effect, size, capture.scene, state, state.effect_drapes.get((name, n)), base, sensed)
-            for n, size in enumerate(nodes(effect))
-        ]
+        responses[name] = []
+        for n, size in enumerate(nodes(effect)):
+            changed = effect.apply(scene, size)
+            if effect.stage is Stage.SENSOR:
+                features = _sensed(state.picture, changed, state.reference)
+                change = _clean(features.vector() - sensed.vector()), _clean(features.pixels - sensed.pixels)
+            elif (name, n) in state.effects or changed != scene:
+                change = _clean(vector(state.effects.get((name, n), state.origin), changed) - base), still
+            else:
+                change = np.zeros(len(base)), still
+            responses[name].append(change)
     return CaptureResult(
         capture.id,
         task.id,
-        capture.scene.setup.scene.value,
+        scene.setup.scene.value,
         capture.repeat,
-        measure(capture.depth, reference),
+        measure(capture.depth, state.reference),
         jacobian,
         responses,
-        reference,
+        state.reference,
         rms,
         number,
         capture.sensor_known,
         sensed.pixels,
     )
-
-
-def _response(
-    effect: Effect,
-    size: Size,
-    scene: SimulationScene,
-    state: _State,
-    drape: KeyedDrape | None,
-    base: NDArray[np.float64],
-    sensed: Features,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    changed = effect.apply(scene, size)
-    picture = picture_of((drape or state.drape).drape, changed)
-    if effect.stage is Stage.SENSOR:
-        features = _sensed(picture, changed, state.reference)
-        return _clean(features.vector() - sensed.vector()), _clean(features.pixels - sensed.pixels)
-    vector = measure(picture, state.reference, with_pixels=False).vector()
-    return _clean(vector - base), np.zeros(len(sensed.pixels))
 
 
 def _sensed(picture: NDArray[np.float32], scene: SimulationScene, reference: Reference) -> Features:
@@ -230,9 +238,3 @@ def relative_sigma(parameters_cv: float | None, density_cv: float | None, fallba
     stretch = fallback if parameters_cv is None else parameters_cv
     density = 0.02 if density_cv is None else density_cv
     return (*[stretch] * 6, density)
-
-
-def with_effect(task: FabricTask, effect: Effect, size: Size) -> FabricTask:
-    """The same task with an effect built into the baseline."""
-    captures = tuple(replace(c, scene=effect.apply(c.scene, size)) for c in task.captures)
-    return replace(task, captures=captures)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.pixel_statistics import PIXEL_NAMES, pixel_statistics
-from diagnosis.reference import LEAST_PIXELS, Reference
+from diagnosis.reference import Reference
 
 PLANE_PIXELS = 8000
 """About so many pixels of the panel are enough for its plane."""
@@ -57,7 +57,7 @@ def measure(depth: NDArray[np.float32], reference: Reference, *, with_pixels: bo
     cell = reference.cell[inside]
     weight = np.bincount(cell, minlength=reference.count).astype(np.float64)
     total = np.bincount(cell, difference[inside], minlength=reference.count)
-    shape = np.where(weight >= LEAST_PIXELS, total / np.maximum(weight, 1), np.nan)
+    shape = np.where(weight >= reference.least_pixels, total / np.maximum(weight, 1), np.nan)
     pixels = pixel_statistics(depth, reference) if with_pixels else np.full(len(PIXEL_NAMES), np.nan)
     return Features(shape, plane, pixels, weight)
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.cause import NOT_EFFECTS
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, CaptureTask
-from diagnosis.shrinkage import NOT_EFFECTS
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
 MOST_PICTURES = 6

@@ -32,6 +32,7 @@ class Reference:
         edge: a depth edge is near, bool [H, W].
         slope: mean slope |grad z| of the cloth in each cell, [cells + ring].
         height: mean height over the panel (or over the cloth's mean plane) in each cell [m], [cells + ring].
+        least_pixels: a cell seen by fewer pixels says nothing.
         centre: place of each cell in units of the sample, (u, v), [cells + ring, 2]; the ring lies outside [0, 1].
     """
 
@@ -42,6 +43,7 @@ class Reference:
     slope: NDArray[np.float64]
     height: NDArray[np.float64]
     centre: NDArray[np.float64]
+    least_pixels: int = LEAST_PIXELS
 
     @property
     def count(self) -> int:
@@ -49,8 +51,8 @@ class Reference:
         return len(self.slope)
 
 
-def make_reference(drape: Drape, scene: SimulationScene) -> Reference:
-    """Render a drape and assign pixels to cells."""
+def make_reference(drape: Drape, scene: SimulationScene, *, least_pixels: int = LEAST_PIXELS) -> Reference:
+    """Render a drape and assign pixels to cells; cells seen by fewer than ``least_pixels`` say nothing."""
     from scipy import ndimage
 
     mesh = drape.mesh
@@ -79,7 +81,7 @@ def make_reference(drape: Drape, scene: SimulationScene) -> Reference:
     gradient = np.hypot(*_differences(seen.depth)) / np.maximum(pixel, 1e-6)
     steep = np.minimum(np.nan_to_num(gradient), 3.0)
     slope = _cell_mean(np.where(seen.cloth, steep, 0.0), cell, total)
-    return Reference(seen.depth, cell, panel, edge, slope, _cell_mean(height, cell, total), _centres())
+    return Reference(seen.depth, cell, panel, edge, slope, _cell_mean(height, cell, total), _centres(), least_pixels)
 
 
 def _side_cell(at: NDArray[np.float64]) -> NDArray[np.int32]:

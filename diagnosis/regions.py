@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 from scipy.stats import false_discovery_control
 
-from diagnosis.noise import Block
+from diagnosis.block import Block
 from diagnosis.reference import CELLS
 from diagnosis.report import Region, RegionGap, StageName
 
@@ -61,8 +61,8 @@ def region_gaps(
                 chosen = masks[region][block.cell]
                 if not chosen.any():
                     continue
-                covariance = (block.factor @ block.factor.T)[np.ix_(chosen, chosen)]
-                residual = (block.factor @ block.measured)[chosen]
+                covariance = (block.stated.factor @ block.stated.factor.T)[np.ix_(chosen, chosen)]
+                residual = block.metres(block.stated.measured)[chosen]
                 squares += float(residual @ np.linalg.solve(covariance, residual))
                 dimensions += len(residual)
                 metres.append(residual)

@@ -5,28 +5,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.cause import Cause, name_cause
+from diagnosis.block import Block, PixelBlock
+from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.evidence import EffectEvidence, EvidenceModel
-from diagnosis.noise import Block, PixelBlock
+from diagnosis.evidence import Evidence
+from diagnosis.likelihood import LikelihoodModel
 from diagnosis.report import Shrinkage
-from diagnosis.sizes import interpolation, nodes
-
-NOT_EFFECTS = ("none", "unknown")
+from diagnosis.sizes import interpolation, vector_step
 
 
-def response_of(block: Block, evidence: EffectEvidence) -> NDArray[np.float64]:
+def response_of(block: Block, evidence: Evidence) -> NDArray[np.float64]:
     """Whitened response of a block to an effect at its fitted size, [n]."""
-    if evidence.name in NOT_EFFECTS:
-        return np.zeros(len(block.measured))
+    if evidence.name in NOT_EFFECTS or get_effect(evidence.name).random_repeats:
+        return np.zeros(len(block.stated.measured))
     effect = get_effect(evidence.name)
-    rows = block.responses[evidence.name]
+    rows = block.stated.responses[evidence.name]
     if effect.vector:
-        steps = [max(abs(value) for value in node.values()) for node in nodes(effect)]
-        weights = np.array([evidence.size[n] / s for n, s in zip(effect.components, steps, strict=True)])
+        weights = np.array([evidence.size[name] for name in effect.components]) / vector_step(effect)
     else:
         weights = interpolation(effect, np.array([evidence.size[SCALAR]]))[0]
+        place = next(n for n, p in enumerate(effect.places) if all(evidence.size[k] == v for k, v in p.items()))
+        rows = rows[place * len(weights) : (place + 1) * len(weights)]
     return np.asarray(weights @ rows)
 
 
@@ -38,8 +38,8 @@ def refitted_residual(block: Block, response: NDArray[np.float64]) -> tuple[NDAr
     Returns:
         Residual [n] and expected variance of it without any effect [n], metres and m².
     """
-    residual = block.factor @ (block.measured - response)
-    covariance = block.factor @ block.factor.T
+    residual = block.metres(block.stated.measured - response)
+    covariance = block.stated.factor @ block.stated.factor.T
     gain = block.jacobian.T @ block.jacobian @ np.linalg.solve(covariance, np.eye(len(residual)))
     left = residual - gain @ residual
     spread = np.eye(len(residual)) - gain
@@ -47,7 +47,7 @@ def refitted_residual(block: Block, response: NDArray[np.float64]) -> tuple[NDAr
 
 
 def measure_shrinkage(
-    cause: Cause, effects: tuple[str, ...], blocks: list[Block], pixels: PixelBlock, model: EvidenceModel
+    cause: Cause, effects: tuple[str, ...], blocks: list[Block], pixels: PixelBlock, model: LikelihoodModel
 ) -> Shrinkage | None:
     """Two-fold over fabrics: each half is judged with the effect named and fitted on the other half.
 

@@ -87,10 +87,45 @@ class Simulator:
         )
         return self._keep(key, drape, began)
 
-    def shaped(self, mesh: GridMesh, vertices: NDArray[np.float64]) -> KeyedDrape:
-        """Positions that are no equilibrium, to start from; [vertex_count, 3]."""
+    def led(
+        self, start: KeyedDrape, fabric: FabricParameters, scene: SimulationScene, depth: NDArray[np.float32]
+    ) -> KeyedDrape:
+        """The equilibrium found from ``start`` when a capture's heights lead the way (see ``diagnosis.guided``)."""
+        from diagnosis.base_state import ROUNDS, warp_to_picture
+        from diagnosis.guided import relax_towards
+
+        mesh = start.drape.mesh
+        plain = drape_key(mesh, fabric, scene.setup, scene.mechanics, start=start.key)
+        key = content_key(plain=plain, depth=depth, pose=scene.pose, camera=scene.camera)
+        cached = self._cached(key, mesh)
+        if cached is not None:
+            return cached
+        began = time.process_time()
+        current = start.drape
+        solver = self._solver(mesh)
+        for turn in range(ROUNDS):
+            target, seen = warp_to_picture(current, scene, depth)
+            origin = self.shaped(mesh, target).drape if turn == 0 else current
+            x = relax_towards(solver, fabric, scene, origin, target, seen, release=turn == ROUNDS - 1)
+            current = self.shaped(mesh, x).drape
+        drape = solver.solve(
+            fabric, scene.setup, start=current, jitter=NO_JITTER, mechanics=scene.mechanics, time_limit_s=TIME_LIMIT_S
+        )
+        return self._keep(key, drape, began)
+
+    def coarser(self, fine: KeyedDrape, fabric: FabricParameters, scene: SimulationScene) -> KeyedDrape:
+        """The same fold state on a mesh of twice the cell; ``fine`` itself where its cells are odd in number."""
+        mesh = fine.drape.mesh
+        if (mesh.rows - 1) % 2 or (mesh.columns - 1) % 2:
+            return fine
+        half = GridMesh(2 * mesh.resolution_m, mesh.size_m)
+        vertices = fine.drape.vertices.reshape(mesh.rows, mesh.columns, 3)[::2, ::2].reshape(-1, 3)
+        return self.proceed(self.shaped(half, vertices, fine.key), fabric, scene)
+
+    def shaped(self, mesh: GridMesh, vertices: NDArray[np.float64], origin: str | None = None) -> KeyedDrape:
+        """Positions that are no equilibrium, to start from, [vertex_count, 3]; ``origin``: key of their source."""
         drape = Drape(mesh, vertices, DrapeStatus.NOT_STILL, float("inf"), 0.0, False, 0, 0.0, "given shape")
-        return KeyedDrape(drape, content_key(vertices=vertices))
+        return KeyedDrape(drape, content_key(vertices=vertices) if origin is None else content_key(coarser=origin))
 
     def _cached(self, key: str, mesh: GridMesh) -> KeyedDrape | None:
         drape = self.cache.get(key, mesh)

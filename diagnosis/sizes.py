@@ -12,22 +12,33 @@ from diagnosis.effect import SCALAR, Effect
 GRID_POINTS = 49
 
 
-def nodes(effect: Effect) -> list[dict[str, float]]:
-    """Sizes to simulate. A vector: each component alone, at the length that is typical; it is taken as linear."""
-    if effect.vector:
-        first = next(iter(effect.components.values()))
-        step = math.sqrt(first.low * first.high)
-        return [{name: (step if name == chosen else 0.0) for name in effect.components} for chosen in effect.components]
-    name, component = next(iter(effect.components.items()))
-    if name != SCALAR or len(effect.components) != 1:
-        raise NotImplementedError(f"{effect.name}: several components that are no vector")
+def node_values(effect: Effect) -> list[float]:
+    """Magnitudes to simulate of an effect whose size is one number."""
+    component = next(iter(effect.components.values()))
+    if effect.random_repeats:
+        return [component.high]
     if effect.vanishes_at_zero:
         sizes = [0.5 * component.high, component.high]
     else:
         sizes = np.geomspace(component.low, component.high, 4).tolist()
-    if component.signed:
-        sizes = [-s for s in reversed(sizes)] + sizes
-    return [{SCALAR: s} for s in sizes]
+    return [-s for s in reversed(sizes)] + sizes if component.signed else sizes
+
+
+def nodes(effect: Effect) -> list[dict[str, float]]:
+    """Sizes to simulate, place by place.
+
+    A vector: each component alone, at the length that is typical; it is taken as linear.
+    """
+    if effect.vector:
+        step = vector_step(effect)
+        return [{name: (step if name == chosen else 0.0) for name in effect.components} for chosen in effect.components]
+    return [{SCALAR: value} | dict(place) for place in effect.places for value in node_values(effect)]
+
+
+def vector_step(effect: Effect) -> float:
+    """Length at which each component of a vector is simulated."""
+    first = next(iter(effect.components.values()))
+    return math.sqrt(first.low * first.high)
 
 
 def grid(effect: Effect) -> NDArray[np.float64]:
@@ -50,12 +61,12 @@ def log_prior(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights [sizes, nodes] that turn responses at :func:`nodes` into responses at ``sizes``.
+    """Weights [sizes, nodes] that turn responses at :func:`node_values` into responses at ``sizes``.
 
     Piecewise linear through zero for effects that vanish at size zero, linear in the logarithm otherwise; beyond the
     outermost nodes the last piece is continued.
     """
-    own = np.array([node[SCALAR] for node in nodes(effect)])
+    own = np.array(node_values(effect))
     if effect.vanishes_at_zero:
         knots = np.sort(np.append(own, 0.0))
         at = sizes

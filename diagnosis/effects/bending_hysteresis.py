@@ -1,0 +1,27 @@
+"""Bending is not elastic: what was bent stays bent a little."""
+
+from __future__ import annotations
+
+from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+from diagnosis.scene import SimulationScene
+from simcore.mechanics import FrozenCurvature
+
+
+def change(scene: SimulationScene, size: Size) -> SimulationScene:
+    """A random frozen curvature; another one in every repeat."""
+    field = FrozenCurvature(amplitude=size[SCALAR], seed=int(size["seed"]))
+    return scene.with_mechanics(rest_curvature=(*scene.mechanics.rest_curvature, field))
+
+
+EFFECT = Effect(
+    name="bending_hysteresis",
+    stage=Stage.FABRIC,
+    unit="1/m",
+    components=scalar(5.0, 20.0),
+    summary="Each handling leaves a random curvature of this size (root mean square): repeats scatter more.",
+    hook="mechanics.rest_curvature",
+    source="Bending hysteresis of Kawabata's tester; internal friction.",
+    change=change,
+    places=({"seed": 1.0}, {"seed": 2.0}, {"seed": 3.0}),
+    random_repeats=True,
+)

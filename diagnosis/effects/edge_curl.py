@@ -1,0 +1,26 @@
+"""The free edges curl."""
+
+from __future__ import annotations
+
+from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+from diagnosis.scene import SimulationScene
+from simcore.mechanics import EdgeCurl
+
+
+def change(scene: SimulationScene, size: Size) -> SimulationScene:
+    """A strip along all edges."""
+    field = EdgeCurl(curvature=size[SCALAR], width_m=size["width_m"])
+    return scene.with_mechanics(rest_curvature=(*scene.mechanics.rest_curvature, field))
+
+
+EFFECT = Effect(
+    name="edge_curl",
+    stage=Stage.FABRIC,
+    unit="1/m",
+    components=scalar(8.0, 30.0, signed=True),
+    summary="A strip along the edges wants to roll up, towards the camera (positive) or the panel.",
+    hook="mechanics.rest_curvature",
+    source="Curl of single jersey knits.",
+    change=change,
+    places=({"width_m": 0.025}, {"width_m": 0.045}),
+)
