@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Picture = NDArray[np.uint8]
+_BOX = (0.125, 0.095)  # of a figure's width: what a fabric's picture and name take in an embedding
+
 Pictures = Mapping[Scene, Picture]
 """Small shaded pictures of one fabric by scene."""
 
@@ -66,28 +68,59 @@ def embedding_figure(
 
     figure = new_figure(9.0, 9.0)
     axes = figure.subplots()
-    axes.scatter(points[:, 0], points[:, 1], s=12, color="tab:blue")
-    for point, label, shown in zip(points, labels, pictures, strict=True):
+    reach = 0.62 * float(np.ptp(points, axis=0).max() or 1.0)
+    middle = (points.max(axis=0) + points.min(axis=0)) / 2.0
+    axes.set_xlim(middle[0] - reach, middle[0] + reach)
+    axes.set_ylim(middle[1] - reach, middle[1] + reach)
+    axes.set_aspect("equal")
+    places = spread(points, (_BOX[0] * 2 * reach, _BOX[1] * 2 * reach))
+    for point, place, label, shown in zip(points, places, labels, pictures, strict=True):
+        axes.plot([point[0], place[0]], [point[1], place[1]], color="0.6", lw=0.6, zorder=1)
+        axes.plot(*point, "o", ms=4, color="tab:blue", zorder=2)
         if shown is not None:
-            image = OffsetImage(shown, zoom=0.42, cmap="gray", norm=_grey_norm())
-            axes.add_artist(AnnotationBbox(image, tuple(point), pad=0.1, bboxprops={"linewidth": 0.3}))
+            zoom = 72.0 * 8.0 * _BOX[0] / shown.shape[1]
+            image = OffsetImage(shown, zoom=zoom, cmap="gray", norm=_grey_norm())
+            axes.add_artist(AnnotationBbox(image, tuple(place), pad=0.1, bboxprops={"linewidth": 0.3}, zorder=3))
         axes.annotate(
             label,
-            tuple(point),
+            tuple(place),
             (0, -10 if shown is None else -36),
             textcoords="offset points",
             ha="center",
             fontsize=7,
             zorder=10,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.5},
         )
-    reach = 0.62 * float(np.ptp(points, axis=0).max() or 1.0)
-    for limits, column in ((axes.set_xlim, points[:, 0]), (axes.set_ylim, points[:, 1])):
-        middle = float(column.max() + column.min()) / 2.0
-        limits(middle - reach, middle + reach)
-    axes.set_aspect("equal")
     axes.set_title(title, fontsize=9)
     _save(figure, path)
+
+
+def spread(points: NDArray[np.float64], box: tuple[float, float], *, steps: int = 500) -> NDArray[np.float64]:
+    """Places near the points at which boxes do not overlap.
+
+    Args:
+        points: shape [n, 2].
+        box: width and height of each box, in the points' unit.
+        steps: most moves.
+
+    Returns:
+        float64, shape [n, 2].
+    """
+    places: NDArray[np.float64] = points + 1e-6 * np.arange(len(points))[:, None] * np.array(box)
+    size = np.array(box)
+    for _ in range(steps):
+        apart = places[:, None] - places[None, :]
+        overlap = size - np.abs(apart)
+        touching = (overlap > 0).all(axis=2) & ~np.eye(len(places), dtype=bool)
+        if not touching.any():
+            break
+        # Push along the axis that needs the shorter way, half of it each.
+        along = np.argmin(overlap / size, axis=2)
+        push = np.zeros_like(places)
+        for a, b in np.argwhere(touching):
+            axis = along[a, b]
+            push[a, axis] += 0.25 * overlap[a, b, axis] * (1.0 if apart[a, b, axis] >= 0 else -1.0)
+        places = places + push
+    return places
 
 
 def share_figure(path: Path, shares: Mapping[str, Mapping[int, tuple[float, float]]]) -> None:

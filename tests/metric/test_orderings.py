@@ -9,6 +9,7 @@ import pytest
 
 from metric.comparison import score_backend
 from metric.depth_rmse import DepthRmse
+from metric.figures import spread
 from metric.matrix import DistanceMatrix
 from metric.orderings import SWEPT, default_sweeps, monotone_share
 from metric.render import DrapeRender
@@ -75,3 +76,14 @@ def test_excess_distance_takes_the_scatter_of_repeats_away() -> None:
     assert excess[0, 1] == pytest.approx(0.9 - 0.3)
     assert excess[0, 2] == 0.0
     assert not np.diag(excess).any()
+
+
+def test_pictures_of_an_embedding_do_not_overlap() -> None:
+    points = np.random.default_rng(0).normal(0, 0.1, (12, 2))
+    points[5] = points[6]
+    places = spread(points, (0.2, 0.1))
+    apart = np.abs(places[:, None] - places[None])
+    clear = (apart[:, :, 0] > 0.195) | (apart[:, :, 1] > 0.0975) | np.eye(12, dtype=bool)
+    assert clear.all()
+    alone = np.array([[0.0, 0.0], [5.0, 5.0]])
+    assert np.allclose(spread(alone, (0.2, 0.1)), alone, atol=1e-5)
