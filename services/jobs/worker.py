@@ -7,13 +7,10 @@ the work does, and a cancelled job can be stopped at once.
 from __future__ import annotations
 
 import os
-import shutil
 import socket
-import tempfile
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import structlog
 
@@ -21,6 +18,7 @@ from services.db.engine import Database
 from services.jobs.execute import execute, gather
 from services.jobs.maintenance import purge
 from services.jobs.queue import Claim, JobQueue
+from services.jobs.scratch import clear_abandoned, make_scratch, remove_scratch
 from services.jobs.task import Call, Crashed, Done, Progress, Refused, Resources, Runner, Task, TaskOutput
 from services.settings import Settings
 
@@ -62,7 +60,7 @@ class JobWorker:
 
     def run(self) -> None:
         """Until ``stopping`` is set."""
-        log.info("worker_started", worker=self.name)
+        log.info("worker_started", worker=self.name, abandoned_folders=clear_abandoned())
         try:
             while not self._stopping.is_set():
                 self._keep_house()
@@ -80,7 +78,7 @@ class JobWorker:
         """Do one job and store how it ended."""
         job_log = log.bind(job=claim.id, kind=claim.kind, attempt=claim.attempt)
         job_log.info("job_started")
-        scratch = Path(tempfile.mkdtemp(prefix="drapemeter-job-"))
+        scratch = make_scratch()
         try:
             with self._database.read() as session:
                 inputs = gather(session, claim.kind, claim.inputs)
@@ -89,7 +87,7 @@ class JobWorker:
             self._runner.start(Call(self._work, (task,)))
             outcome = self._watch(claim)
         finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+            remove_scratch(scratch)
         job_log.info("job_ended", outcome=outcome)
 
     def _watch(self, claim: Claim) -> str:

@@ -24,7 +24,7 @@ def test_documented_is_actual(tmp_path: Path) -> None:
         command = [
             *(sys.executable, "-m", "schemathesis.cli", "run", f"{running.url}/openapi.json"),
             *("--header", f"Authorization: Bearer {key}", "--checks", "all", "--exclude-checks", CHECKS_NOT_MADE),
-            *("--phases", "examples,coverage,fuzzing", "--max-examples", "3", "--seed", "7"),
+            *("--phases", "examples,coverage,fuzzing", "--max-examples", "3", "--seed", "7", "--request-timeout", "60"),
             *("--generation-database", "none", "--suppress-health-check", "all"),
         ]
         done = subprocess.run(command, capture_output=True, text=True, timeout=380, check=False, cwd=tmp_path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -80,8 +81,10 @@ def test_a_job_whose_worker_is_killed_goes_to_the_next_worker(database: Database
         assert first.pid is not None
         os.kill(first.pid, signal.SIGKILL)
         first.join()
+        (left,) = Path(tempfile.gettempdir()).glob(f"drapemeter-job-{first.pid}-*")
     with worker(database):
         job = wait(database, job_id, ended)
+    assert not left.exists()
     assert (job.status, job.attempts, job.result) == ("succeeded", 2, {"counted": 10})
     assert len(list(tmp_path.glob("process-*"))) == 2
     assert not alive(tmp_path)
