@@ -41,9 +41,10 @@ class SensorModel:
         depth_scale: share added to every depth.
         depth_bias_m: added to every depth [m].
         flying_pixels: share of edge pixels that read between the two sides of the edge.
-        smoothing_px: standard deviation of the blur [pixel].
+        smoothing_px: standard deviation of the optics' blur, before the noise [pixel].
         range_noise_m: standard deviation along z at ``at_m``, growing as z² [m].
         at_m: reference depth of noise and quantisation [m].
+        filter_px: standard deviation of the blur by the sensor's own filter, after the noise [pixel].
         edge_dropout: share of edge pixels without data.
         dropout: share of all pixels without data.
         dropout_patch_px: size of the dropout's holes [pixel]; 0 = single pixels.
@@ -60,6 +61,7 @@ class SensorModel:
     smoothing_px: float = 0.0
     range_noise_m: float = 0.0
     at_m: float = 0.9
+    filter_px: float = 0.0
     edge_dropout: float = 0.0
     dropout: float = 0.0
     dropout_patch_px: float = 0.0
@@ -120,6 +122,7 @@ class SensorModel:
         picture = add_flying_pixels(picture, self.flying_pixels, flying, self.edge_jump_m)
         picture = smooth_depth(picture, self.smoothing_px)
         picture = add_range_noise(picture, self.range_noise_m, self.at_m, noise)
+        picture = smooth_depth(picture, self.filter_px)
         picture = drop_readings(picture, self.dropout, holes, self.dropout_patch_px)
         picture = np.where(edge_lost, np.float32(0.0), picture)
         if self.quantisation == Quantisation.DISPARITY:

@@ -7,8 +7,10 @@ from diagnosis.scene import SimulationScene
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
-    """Variances of blurs add."""
-    return scene.with_sensor(smoothing_px=(scene.sensor.smoothing_px**2 + size[SCALAR] ** 2) ** 0.5)
+    """Variances of blurs add; by the driver after the noise, or by the optics before it."""
+    name = "filter_px" if size["after_noise"] > 0.5 else "smoothing_px"
+    total = (getattr(scene.sensor, name) ** 2 + size[SCALAR] ** 2) ** 0.5
+    return scene.with_sensor(**{name: total})
 
 
 EFFECT = Effect(
@@ -17,7 +19,8 @@ EFFECT = Effect(
     unit="px",
     components=scalar(0.6, 2.5),
     summary="The depth picture is blurred by a Gaussian of this standard deviation.",
-    hook="sensor.smoothing_px",
+    hook="sensor.filter_px, sensor.smoothing_px",
     source="Spatial filters of depth camera drivers.",
     change=change,
+    places=({"after_noise": 1.0}, {"after_noise": 0.0}),
 )

@@ -1,0 +1,79 @@
+"""Features of pictures whose differences are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.features import measure
+from diagnosis.pixel_statistics import PIXEL_NAMES
+from diagnosis.reference import CELLS, Reference, make_reference
+from diagnosis.scene import SimulationScene
+from diagnosis.synthesis import SET_CAMERA
+from renderer.sensor import SensorModel
+from simcore.drape import Drape, DrapeStatus
+from simcore.mesh import GridMesh
+from simcore.scenes import Setup
+
+SCENE = SimulationScene(Setup.nominal("stretch"), camera=SET_CAMERA)
+
+
+def wavy(height_m: float = 0.02) -> Drape:
+    """A sheet with one smooth fold before the panel."""
+    mesh = GridMesh(0.02)
+    u, v = mesh.material_coordinates.T
+    z = 0.001 + height_m * np.sin(np.pi * u / 0.5) ** 2 * np.exp(-(((v - 0.2) / 0.1) ** 2))
+    return Drape(mesh, np.stack([u - 0.25, -v, z], axis=1), DrapeStatus.STILL, 0.0, 0.0, True, 0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def reference() -> Reference:
+    return make_reference(wavy(), SCENE)
+
+
+def test_cells_cover_the_cloth_and_a_strip_around_it(reference: Reference) -> None:
+    found = np.unique(reference.cell)
+    assert found.min() == -1
+    assert set(range(CELLS * CELLS)) <= set(found.tolist())
+    assert np.count_nonzero(reference.panel) > 20_000
+    assert not np.any(reference.panel & (reference.cell >= 0))
+
+
+def test_reference_against_itself_is_zero(reference: Reference) -> None:
+    features = measure(reference.depth, reference)
+    np.testing.assert_allclose(np.nan_to_num(features.vector()), 0.0, atol=1e-9)
+
+
+def test_a_depth_bias_is_read_on_the_panel_alone(reference: Reference) -> None:
+    features = measure((reference.depth + np.float32(0.005)).astype(np.float32), reference, with_pixels=False)
+    np.testing.assert_allclose(features.plane, [0.005, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(np.nan_to_num(features.shape), 0.0, atol=1e-6)
+
+
+def test_cloth_that_stands_further_out_is_read_in_its_cells(reference: Reference) -> None:
+    changed = make_reference(wavy(0.025), SCENE)
+    shape = measure(changed.depth, reference, with_pixels=False).shape[: CELLS * CELLS].reshape(CELLS, CELLS)
+    assert shape.min() == pytest.approx(-0.005, rel=0.1)  # nearer to the camera
+    assert np.unravel_index(np.argmin(shape), shape.shape)[0] == int(0.2 / 0.5 * CELLS)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "statistic", "least"),
+    [
+        (SensorModel(range_noise_m=0.002), "log_noise", 0.5),
+        (SensorModel(range_noise_m=0.001, filter_px=1.0), "correlation", 0.3),
+        (SensorModel(range_noise_m=0.001, quantisation_m=0.003), "log_step", 1.0),
+        (SensorModel(range_noise_m=0.001, dropout=0.05), "dropout", 0.045),
+    ],
+)
+def test_pixel_statistics_answer_their_mechanism(
+    reference: Reference, sensor: SensorModel, statistic: str, least: float
+) -> None:
+    number = PIXEL_NAMES.index(statistic)
+
+    def statistics(model: SensorModel) -> float:
+        noisy = model.apply(reference.depth, np.random.default_rng(3))
+        return float(measure(noisy, reference).pixels[number])
+
+    change = statistics(sensor) - statistics(SensorModel(range_noise_m=0.001, quantisation_m=0.0002))
+    assert change > least

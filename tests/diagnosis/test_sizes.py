@@ -1,0 +1,41 @@
+"""Sizes that are simulated, and interpolation between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.effects import catalogue, get_effect
+from diagnosis.sizes import grid, interpolation, log_prior, node_values, nodes
+
+SCALARS = sorted(n for n, e in catalogue().items() if not e.vector and not e.random_repeats)
+
+
+@pytest.mark.parametrize("name", SCALARS)
+def test_interpolation_returns_the_nodes_themselves(name: str) -> None:
+    effect = get_effect(name)
+    values = np.array(node_values(effect))
+    np.testing.assert_allclose(interpolation(effect, values), np.eye(len(values)), atol=1e-12)
+
+
+def test_a_linear_response_is_interpolated_and_continued_exactly() -> None:
+    effect = get_effect("air_draft")
+    response = 2.0 * np.array(node_values(effect))
+    sizes = np.array([-0.6, -0.3, -0.01, 0.02, 0.4, 0.65])
+    np.testing.assert_allclose(interpolation(effect, sizes) @ response, 2.0 * sizes, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", SCALARS)
+def test_prior_sums_to_one_and_prefers_the_stated_range(name: str) -> None:
+    effect = get_effect(name)
+    sizes = grid(effect)
+    weights = np.exp(log_prior(effect, sizes))
+    component = next(iter(effect.components.values()))
+    inside = (np.abs(sizes) >= component.low) & (np.abs(sizes) <= component.high)
+    assert weights.sum() == pytest.approx(1.0)
+    assert weights[inside].min() >= weights[~inside].max() - 1e-12
+
+
+def test_places_multiply_the_nodes() -> None:
+    effect = get_effect("rest_curvature")
+    assert len(nodes(effect)) == len(effect.places) * len(node_values(effect))
