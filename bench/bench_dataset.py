@@ -127,7 +127,7 @@ def driver_words_per_cpu_s() -> float:
     """Simulations a second of its own CPU time that the driver's loop can follow."""
     configuration, fabrics = plan_sweep(materials=1600, jitters=1, simulations_per_shard=32)
     with ray_cluster("local", 2) as workers:
-        dispatcher = Dispatcher("", configuration, fabrics, DispatchOptions(workers), worker_class=TalkingWorker)
+        dispatcher = Dispatcher("", configuration, fabrics, DispatchOptions(workers, 10**9), worker_class=TalkingWorker)
         start = time.process_time()
         dispatcher.run(range(configuration.layout.shards))
         return configuration.layout.simulations / (time.process_time() - start)

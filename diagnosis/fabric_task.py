@@ -133,12 +133,17 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
     results: list[CaptureResult] = []
     for name in sorted({c.scene.setup.scene.value for c in task.captures}):
         states: list[_State] = []
+        seen: list[tuple[int, SimulationScene, _Responses]] = []
         for capture in (c for c in task.captures if c.scene.setup.scene.value == name):
             drape, rms = find_state(simulator, task, capture)
             number = next((n for n, state in enumerate(states) if state.drape.key == drape.key), len(states))
             if number == len(states):
                 states.append(_vary(simulator, task, capture, drape))
-            results.append(_explain_capture(task, capture, states[number], number, rms))
+            known = next((r for n, scene, r in seen if n == number and scene == capture.scene), None)
+            if known is None:
+                known = _look(task, capture.scene, states[number])
+                seen.append((number, capture.scene, known))
+            results.append(_explain_capture(task, capture, states[number], known, number, rms))
     return FabricResult(task, tuple(results), simulator.cost)
 
 
@@ -183,8 +188,17 @@ def _changed(parameters: FabricParameters, index: int) -> FabricParameters:
     return FabricParameters.from_array(values)
 
 
-def _explain_capture(task: FabricTask, capture: CaptureTask, state: _State, number: int, rms: float) -> CaptureResult:
-    scene = capture.scene
+@dataclass(frozen=True)
+class _Responses:
+    """A state's variations as one camera and sensor see them; see :class:`CaptureResult`."""
+
+    jacobian: NDArray[np.float64]
+    effects: dict[str, list[tuple[NDArray[np.float64], NDArray[np.float64]]]]
+    sensed: NDArray[np.float64]
+
+
+def _look(task: FabricTask, scene: SimulationScene, state: _State) -> _Responses:
+    """Render all variations and measure what they change."""
 
     def vector(drape: KeyedDrape, seen: SimulationScene) -> NDArray[np.float64]:
         return measure(picture_of(drape.drape, _smaller(seen)), state.coarse, with_pixels=False).vector()
@@ -202,24 +216,30 @@ def _explain_capture(task: FabricTask, capture: CaptureTask, state: _State, numb
             if effect.stage is Stage.SENSOR:
                 features = _sensed(state.picture, changed, state.reference)
                 change = _clean(features.vector() - sensed.vector()), _clean(features.pixels - sensed.pixels)
-            elif (name, n) in state.effects or changed != scene:
+            elif changed != scene:
                 change = _clean(vector(state.effects.get((name, n), state.origin), changed) - base), still
             else:
                 change = np.zeros(len(base)), still
             responses[name].append(change)
+    return _Responses(jacobian, responses, sensed.pixels)
+
+
+def _explain_capture(
+    task: FabricTask, capture: CaptureTask, state: _State, seen: _Responses, number: int, rms: float
+) -> CaptureResult:
     return CaptureResult(
         capture.id,
         task.id,
-        scene.setup.scene.value,
+        capture.scene.setup.scene.value,
         capture.repeat,
         measure(capture.depth, state.reference),
-        jacobian,
-        responses,
+        seen.jacobian,
+        seen.effects,
         state.reference,
         rms,
         number,
         capture.sensor_known,
-        sensed.pixels,
+        seen.sensed,
     )
 
 

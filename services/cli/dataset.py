@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +18,10 @@ if TYPE_CHECKING:
     from services.dataset.configuration import SweepConfiguration
     from services.dataset.cost import CostEstimate
     from services.dataset.fabrics import FabricTable
+    from services.dataset.worker import SimulationDone
+
+NOTE_S = 60.0
+"""Seconds between two lines of progress where there is no terminal."""
 
 JSON_OPTION = typer.Option(False, "--json", help="One JSON document on standard output.")
 STORE_ARGUMENT = typer.Argument(help="Local folder, s3://bucket/prefix or any URL that obstore takes.")
@@ -141,6 +147,37 @@ def describe_cost(cost: CostEstimate) -> str:
     )
 
 
+class Watch:
+    """Follows a sweep: a bar on a terminal, elsewhere (a cluster's log) a line a minute.
+
+    Args:
+        bar: the bar, a no-op where there is no terminal.
+    """
+
+    def __init__(self, bar: console.ProgressBar) -> None:
+        self._bar = bar
+        self._total = self._done = self._failed = 0
+        self._first = self._noted = 0.0
+
+    def begin(self, cost: CostEstimate) -> None:
+        """The sweep starts."""
+        console.note(describe_cost(cost))
+        self._bar.update(total=cost.simulations)
+        self._total, self._noted = cost.simulations, time.monotonic()
+
+    def hear(self, word: SimulationDone) -> None:
+        """A simulation is done."""
+        now = time.monotonic()
+        self._first = self._first or now
+        self._done += 1
+        self._failed += word.status.label != "ok"
+        self._bar.advance()
+        if now - self._noted >= NOTE_S and not sys.stderr.isatty():
+            self._noted = now
+            left = (now - self._first) / self._done * (self._total - self._done)
+            console.note(f"{self._done} of {self._total} simulations, {self._failed} failed, {left / 60:.0f} min to go")
+
+
 def sweep(
     out: str,
     configuration: SweepConfiguration,
@@ -154,22 +191,22 @@ def sweep(
     from services.dataset.sweep import run_sweep
 
     with console.progress("simulations", total=configuration.layout.simulations) as bar:
-
-        def begin(cost: CostEstimate) -> None:
-            console.note(describe_cost(cost))
-            bar.update(total=cost.simulations)
-
-        summary = run_sweep(
-            out,
-            configuration,
-            table,
-            resume=resume,
-            address=placement.address,
-            workers=placement.workers,
-            recycle_after=placement.recycle_after,
-            listen=lambda word: bar.advance(),
-            begin=begin,
-        )
+        watch = Watch(bar)
+        try:
+            summary = run_sweep(
+                out,
+                configuration,
+                table,
+                resume=resume,
+                address=placement.address,
+                workers=placement.workers,
+                recycle_after=placement.recycle_after,
+                listen=watch.hear,
+                begin=watch.begin,
+            )
+        except KeyboardInterrupt:
+            console.note(f"{out}: what is done is kept; the same command with --resume goes on")
+            raise
     if json_output:
         console.emit_json(summary)
         return

@@ -7,8 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from renderer.store import Store
+from renderer.store import RowStatus, Store
+from services.cli.console import ProgressBar
+from services.cli.dataset import Watch
 from services.cli.main import run
+from services.dataset.cost import CostEstimate
+from services.dataset.worker import SimulationDone
 from tests.services.dataset_helpers import small_sweep
 from tests.services.dataset_rows import made_up_store
 
@@ -101,3 +105,14 @@ def test_a_place_without_permission_is_exit_2(tmp_path: Path, capsys: pytest.Cap
     assert run([*SMALL, "--out", str(tmp_path / "file" / "s.zarr")]) == 2
     assert run([*SMALL, "--out", str(tmp_path / "file")]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) >= 3
+
+
+def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.cli.dataset.NOTE_S", 0.0)
+    watch = Watch(ProgressBar())
+    watch.begin(CostEstimate(4, 8, 0.1, 0.05, 0.001, 2))
+    for number, status in enumerate([RowStatus.OK, RowStatus.TIMED_OUT]):
+        watch.hear(SimulationDone(number, status, number, 1, 1, False))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("4 simulations, 8 pictures: about 0.1 core hours")
+    assert lines[-1] == "2 of 4 simulations, 1 failed, 0 min to go"

@@ -16,7 +16,7 @@ from services.dataset.validation import validate_store
 from services.dataset.worker import SimulationDone
 from tests.services.dataset_helpers import COMMAND, SHARDS, assert_same_store, small_sweep, write_without_ray
 
-pytestmark = pytest.mark.ray
+pytestmark = [pytest.mark.ray, pytest.mark.timeout(400)]
 
 
 @pytest.fixture(scope="module")
@@ -41,18 +41,24 @@ def test_two_workers_give_the_bits_of_one_and_survive_a_kill(undisturbed: Path, 
     assert len({word.process_id for word in heard}) == 3, "two workers, one of them replaced"
 
 
-def test_driver_killed_and_resumed_gives_the_undisturbed_store(undisturbed: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("end", "exit_code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
+def test_driver_ended_and_resumed_gives_the_undisturbed_store(
+    end: signal.Signals, exit_code: int, undisturbed: Path, tmp_path: Path
+) -> None:
     store = tmp_path / "s.zarr"
     command = [*COMMAND, "--out", str(store), "--json"]
     with (tmp_path / "log").open("w") as log:
         driver = subprocess.Popen(command, stdout=log, stderr=log)
     try:
         wait_for_shards(store, 2, driver)
+        driver.send_signal(end)
+        assert driver.wait(timeout=60) == exit_code
     finally:
         driver.kill()
         driver.wait()
+    assert ("--resume" in (tmp_path / "log").read_text()) == (end == signal.SIGINT)
     done = Store.open(store).complete.sum()
-    assert 2 <= done < SHARDS, "the driver was to be killed in mid-run"
+    assert 2 <= done < SHARDS, "the driver was to be ended in mid-run"
     subprocess.run([*command, "--resume"], check=True, capture_output=True, timeout=150)
     assert_same_store(undisturbed, store)
     assert validate_store(Store.open(store)).valid
