@@ -115,5 +115,5 @@ def test_unusable_effects_are_refused_with_a_code(text: str, code: str) -> None:
 
 
 def test_unknown_name_lists_the_catalogue() -> None:
-    with pytest.raises(InputError, match="air_draft.*stretch_stiffening"):
+    with pytest.raises(InputError, match=r"air_draft.*stretch_stiffening"):
         get_effect("wind")
