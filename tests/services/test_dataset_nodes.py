@@ -21,7 +21,7 @@ from services.dataset.validation import validate_store
 from tests.services.dataset_helpers import COMMAND, SHARDS, assert_same_store, small_sweep, write_without_ray
 from tests.services.test_dataset_sweep import wait_for_shards
 
-pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.timeout(600)]
 
 CLUSTER = {
     "RAY_AUTH_MODE": "token",
@@ -103,13 +103,13 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
             kill_node(second)
             done = Store.open(store).complete.sum()
             assert done < SHARDS, "the node was to be killed in mid-run"
-            assert driver.wait(timeout=240) == 0, (tmp_path / "driver.log").read_text()
+            assert driver.wait(timeout=300) == 0, (tmp_path / "driver.log").read_text()
         finally:
             driver.kill()
             driver.wait()
         (store / "checksum" / "c" / "3" / "0").unlink()
         through_client = [*COMMAND, "--out", str(store), "--address", f"ray://127.0.0.1:{client_port}", "--resume"]
-        subprocess.run(through_client, check=True, env=os.environ | CLUSTER, capture_output=True, timeout=240)
+        subprocess.run(through_client, check=True, env=os.environ | CLUSTER, capture_output=True, timeout=300)
     assert_same_store(undisturbed, store)
     assert validate_store(Store.open(store)).valid
 

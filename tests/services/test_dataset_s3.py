@@ -60,7 +60,7 @@ def test_ray_workers_write_to_s3_what_they_write_to_a_folder(
 ) -> None:
     use(monkeypatch, server.environment())
     url = f"s3://{BUCKET}/sweeps/ray.zarr"
-    subprocess.run([*COMMAND, "--out", url, "--json"], check=True, capture_output=True, timeout=170)
+    subprocess.run([*COMMAND, "--out", url, "--json"], check=True, capture_output=True, timeout=300)
     assert_same_as_folder(url, undisturbed)
     with pytest.raises(InputError, match="--resume"):
         prepare_store(url, CONFIGURATION, resume=False)

@@ -16,7 +16,7 @@ from services.dataset.validation import validate_store
 from services.dataset.worker import SimulationDone
 from tests.services.dataset_helpers import COMMAND, SHARDS, assert_same_store, small_sweep, write_without_ray
 
-pytestmark = [pytest.mark.ray, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.ray, pytest.mark.timeout(600)]
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_driver_ended_and_resumed_gives_the_undisturbed_store(
     assert ("--resume" in (tmp_path / "log").read_text()) == (end == signal.SIGINT)
     done = Store.open(store).complete.sum()
     assert 2 <= done < SHARDS, "the driver was to be ended in mid-run"
-    subprocess.run([*command, "--resume"], check=True, capture_output=True, timeout=150)
+    subprocess.run([*command, "--resume"], check=True, capture_output=True, timeout=300)
     assert_same_store(undisturbed, store)
     assert validate_store(Store.open(store)).valid
 
