@@ -69,6 +69,10 @@ class SobolDesign:
     seed: int
     _engines: dict[int, Any] = field(default_factory=dict, repr=False)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """The seed alone: generators' tables that came through shared memory could not be written to."""
+        return {"seed": self.seed, "_engines": {}}
+
     def _engine(self, attempt: int) -> Any:
         if attempt not in self._engines:
             rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(attempt,)))

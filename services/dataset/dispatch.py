@@ -166,7 +166,12 @@ class Dispatcher:
             {number: self._given_up[number] for number in numbers if number in self._given_up},
         )
         slot.shard, slot.done, slot.heard = shard, 0, time.monotonic()
-        self._running[slot.actor.run.remote(task)] = slot
+        run = slot.actor.run
+        if self._shard_deaths[shard]:
+            # A word still on its way when its worker dies is lost, and the death would be charged to a simulation that
+            # was done. Where a worker has died before, the next simulation waits until the last one's word is taken.
+            run = run.options(_generator_backpressure_num_objects=1)
+        self._running[run.remote(task)] = slot
 
     def _advance(self, stream: Any) -> None:
         """Take one word of a worker."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,9 @@ from simcore.drape import Drape, DrapeStatus
 from simcore.errors import DrapemeterError
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
-from simcore.solver import Solver
+
+if TYPE_CHECKING:
+    from simcore.solver import Solver
 
 SENSOR_STREAM = 1
 """Key of the sensor's random numbers among those of a simulation; the drape draws from the seed itself."""

@@ -6,11 +6,14 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from renderer.store import RowStatus, ShardRows, StoreWriter
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.shard import ShardTask, simulate_shard
-from simcore.solver import Solver
+
+if TYPE_CHECKING:
+    from simcore.solver import Solver
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,8 @@ class ShardWorker:
     def _ready(self) -> tuple[Solver, StoreWriter]:
         """Solver and writer, made by the first shard: what fails there is raised as a task's error, with its cause."""
         if self._solver is None or self._writer is None:
+            from simcore.solver import Solver  # in the worker alone: Ray's client server, too, imports this module
+
             self._writer = StoreWriter.open(self._url)
             self._solver = Solver(self._configuration.mesh)
         return self._solver, self._writer

@@ -15,7 +15,8 @@ from capture.documents import FORMAT, CameraDocument, SetupDocument, json_schema
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, LIMITS
 
-finite = st.floats(-1e3, 1e3, allow_nan=False)
+# Libraries compiled for speed, once loaded, have the processor flush subnormal numbers to zero.
+finite = st.floats(-1e3, 1e3, allow_nan=False, allow_subnormal=False)
 positive = st.floats(1e-3, 1e3)
 names = st.text(
     st.characters(codec="utf-8", exclude_characters="\0", exclude_categories=("Cs",)), min_size=1, max_size=12
@@ -55,7 +56,7 @@ setups = with_extras(
             "sample_size_m": st.lists(positive, min_size=2, max_size=2),
             "camera_from_panel": st.none() | st.lists(st.lists(finite, min_size=4, max_size=4), min_size=4, max_size=4),
             "panel": st.booleans(),
-            "pin_radius_m": st.floats(0, 1),
+            "pin_radius_m": st.floats(0, 1, allow_subnormal=False),
             "pins_m": st.dictionaries(
                 st.sampled_from(["hanging", "stretch"]), st.dictionaries(names, places, max_size=2)
             ),
@@ -69,8 +70,8 @@ fabric_rests = with_extras(
         optional={
             "density": st.none() | st.floats(*LIMITS["density"]),
             "parameters": st.none() | parameters,
-            "parameters_cv": st.floats(0, 1),
-            "density_cv": st.floats(0, 1),
+            "parameters_cv": st.floats(0, 1, allow_subnormal=False),
+            "density_cv": st.floats(0, 1, allow_subnormal=False),
         },
     )
 )

@@ -109,7 +109,10 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
             driver.wait()
         (store / "checksum" / "c" / "3" / "0").unlink()
         through_client = [*COMMAND, "--out", str(store), "--address", f"ray://127.0.0.1:{client_port}", "--resume"]
-        subprocess.run(through_client, check=True, env=os.environ | CLUSTER, capture_output=True, timeout=300)
+        resumed = subprocess.run(
+            through_client, check=False, env=os.environ | CLUSTER, capture_output=True, text=True, timeout=300
+        )
+        assert resumed.returncode == 0, resumed.stderr + (tmp_path / "head.log").read_text()
     assert_same_store(undisturbed, store)
     assert validate_store(Store.open(store)).valid
 

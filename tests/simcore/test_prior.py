@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,15 @@ def test_a_far_index_is_cheap_and_the_same_either_way() -> None:
     far = design.points(np.array([10_000_000, 10_000_001]), 0)
     design.points(np.array([3]), 0)  # backwards
     assert np.array_equal(far[1:], SobolDesign(1).points(np.array([10_000_001]), 0))
+
+
+def test_a_used_design_travels_between_processes() -> None:
+    design = SobolDesign(1)
+    expected = design.points(np.arange(5), 0)
+    buffers: list[pickle.PickleBuffer] = []
+    packed = pickle.dumps(design, protocol=5, buffer_callback=buffers.append)
+    shared = [bytes(buffer.raw()) for buffer in buffers]  # what comes through shared memory cannot be written to
+    assert np.array_equal(pickle.loads(packed, buffers=shared).points(np.arange(5), 0), expected)
 
 
 def test_seeds_differ_and_so_do_neighbours() -> None:
