@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import threading
+import asyncio
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
+import zarr
+from zarr.core.buffer import Buffer
+from zarr.storage import LocalStore, WrapperStore
 
 from renderer.store import ShardRows, Store, StoreWriter
 from simcore.errors import StoreError
@@ -26,17 +28,22 @@ def half(rows: ShardRows, simulations: slice) -> ShardRows:
 
 
 def write_together(place: Path) -> None:
-    """Two writers, each with its half of shard 0, which both have read before either writes."""
-    both_have_read = threading.Barrier(2)
+    """Two writers, each with its half of shard 0, through Zarr as it is: both have read the shard's object by the time
+    either replaces it, as two tasks of half a shard each may.
+    """
+    both_have_read = asyncio.Barrier(2)
     rows = rows_of(LAYOUT, 0)
 
+    class MeetingStore(WrapperStore[LocalStore]):
+        async def set(self, key: str, value: Buffer) -> None:
+            if key.startswith("depth/c/"):
+                await asyncio.wait_for(both_have_read.wait(), timeout=30)
+            await self._store.set(key, value)
+
     def write(simulations: slice) -> None:
-        array = StoreWriter.open(place)._group["depth"]
-        first, last = simulations.start * PICTURES, simulations.stop * PICTURES
-        whole = np.asarray(array[:8])  # what a shard's read-modify-write does inside Zarr
-        whole[first:last] = rows.depth[first:last]
-        both_have_read.wait(timeout=30)
-        array[:8] = whole
+        array = zarr.open_group(MeetingStore(LocalStore(place)), mode="r+")["depth"]
+        part = slice(simulations.start * PICTURES, simulations.stop * PICTURES)
+        array[part] = rows.depth[part]
 
     with ThreadPoolExecutor(2) as pool:
         list(pool.map(write, HALVES))
