@@ -20,16 +20,20 @@ from typing import Any
 import numpy as np
 import torch
 
-from metric.descriptor import DescriptorStore, FabricDescriptor, describe
+from metric.descriptor import DescriptorStore, FabricDescriptor, describe, descriptor_key
 from metric.drape_distance import drape_distance
 from metric.feature_cache import FeatureCache
 from metric.index import FabricIndex
+from metric.library import LibraryFabric
 from metric.lpips_backend import LpipsBackend, lpips_range
 from metric.render import DrapeRender
+from metric.search import search_library
+from metric.simulate import SimulationPlan
 from metric.sketch import Sketched
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.shade import ShadedRenderer
 from simcore.mesh import GridMesh
+from simcore.prior import FabricPrior
 from simcore.scenes import Scene
 
 SIMULATIONS = 5
@@ -111,8 +115,11 @@ def measure_search(backend: LpipsBackend, fabrics: int) -> dict[str, float]:
         for b in range(a):
             exact = drape_distance(exact_sets[a], exact_sets[b], backend).distance
             ratios.append(found[b] / exact)
+    rank_cpu, rank_wall = measure_rank(backend, sketched, library)
     return {
         "fabrics": float(fabrics),
+        "rank_ms": 1e3 * rank_wall,
+        "rank_cpu_ms": 1e3 * rank_cpu,
         "query_ms": 1e3 * wall,
         "query_cpu_ms": 1e3 * cpu,
         "from_disk_ms": 1e3 * from_disk,
@@ -121,6 +128,22 @@ def measure_search(backend: LpipsBackend, fabrics: int) -> dict[str, float]:
         "sketch_error_std": float(np.std(ratios)),
         "sketch_error_max": float(np.abs(np.array(ratios) - 1).max()),
     }
+
+
+def measure_rank(backend: LpipsBackend, sketched: Sketched, descriptors: list[FabricDescriptor]) -> tuple[float, float]:
+    """CPU and wall-clock seconds of the call behind `drapemeter rank` where every fabric is cached."""
+    fabrics = FabricPrior.default().sample(range(len(descriptors)))
+    library = [LibraryFabric(str(k), fabric) for k, fabric in enumerate(fabrics)]
+    plan = SimulationPlan(SIMULATIONS)
+    reference = fabrics[0]
+    store = DescriptorStore()
+    for k, (fabric, descriptor) in enumerate(zip(fabrics, descriptors, strict=True)):
+        # The reference is in the library, as another sample of it.
+        store.save(descriptor_key(fabric, SIMULATIONS if k == 0 else 0, plan, sketched), descriptor)
+    store.save(descriptor_key(reference, 0, plan, sketched), descriptors[1])
+    query = lambda: search_library(reference, library, backend, plan, descriptors=store)  # noqa: E731
+    query()
+    return cpu_and_wall(query, 10)[:2]
 
 
 def _loaded(folder: Path, number: int) -> FabricDescriptor:

@@ -142,7 +142,7 @@ def _from_os_error(url: str | Path, error: OSError) -> DrapemeterError:
             f"{url}: not permitted ({error.strerror}); choose a place you may write to", code="store_not_permitted"
         )
     if isinstance(error, FileNotFoundError):
-        return InputError(f"{url}: no store there", code="store_missing")
+        return InputError(f"{url}: there is no such folder, bucket or store; check the place", code="store_missing")
     if isinstance(error, NotADirectoryError | IsADirectoryError):
         return InputError(f"{url}: a file or folder is in the way; choose another place", code="store_in_the_way")
     return StoreError(f"{url}: cannot be read or written ({_first_line(error)})", code="store_failed")
@@ -157,7 +157,7 @@ def _from_obstore(url: str | Path, error: Exception) -> DrapemeterError:
             code="store_credentials",
         )
     if isinstance(error, exceptions.NotFoundError):
-        return InputError(f"{url}: no such bucket or store", code="store_missing")
+        return InputError(f"{url}: there is no such bucket or store; check the place", code="store_missing")
     return StoreError(f"{url}: the object store fails ({_first_line(error)})", code="store_unreachable")
 
 

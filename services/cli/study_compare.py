@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from metric.simulate import FabricRenders
     from simcore.parameters import FabricParameters
 
-EVERY = "lpips,ssim,ms-ssim,psnr,depth,silhouette,normals"
+EVERY = "lpips,ssim,ms-ssim,psnr,depth,silhouette,normals,trunk"
 
 
 def compare(
@@ -32,7 +32,7 @@ def compare(
     resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]; must divide 0.5 m."),
     seed: int = typer.Option(0, min=0, help="Of fabrics, drapes and choices of repeats."),
     workers: int = typer.Option(0, help="Worker processes; 0 for one a core."),
-    model: Path | None = typer.Option(None, help="Also the features of this trained estimator."),
+    model: Path | None = typer.Option(None, help="Estimator whose features `trunk` takes; default: the shipped one."),
     out: Path | None = typer.Option(None, help="Folder for comparison.json and shares.png."),
     json_output: bool = JSON,
 ) -> None:
@@ -43,7 +43,6 @@ def compare(
     Example:
       drapemeter study compare --fabrics 30 --simulations 5 --out comparison/
     """
-    from metric.backends import get_backend
     from metric.orderings import default_sweeps
     from metric.simulate import SimulationPlan, simulate_fabrics
     from services.cli.metric_options import caches, check_resolution, make_folder
@@ -53,11 +52,7 @@ def compare(
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     if simulations < 2:
         raise InputError("the comparison needs at least 2 simulations of each fabric", code="simulations_out_of_range")
-    chosen: list[Backend] = [get_backend(name.strip()) for name in backends.split(",") if name.strip()]
-    if model is not None:
-        from services.trunk_features import trunk_distance
-
-        chosen.append(trunk_distance(model))
+    chosen = [_backend(name.strip(), model) for name in backends.split(",") if name.strip()]
     if out is not None:
         make_folder(out, "name a folder that can be written to")
     sweeps = default_sweeps(steps)
@@ -90,6 +85,17 @@ def compare(
         console.emit_json(document)
     else:
         _print(document)
+
+
+def _backend(name: str, model: Path | None) -> Backend:
+    """An image distance by name; the estimator's own features are one more."""
+    if name == "trunk":
+        from services.trunk_features import trunk_distance
+
+        return trunk_distance(model)
+    from metric.backends import get_backend
+
+    return get_backend(name)
 
 
 def _scores(

@@ -122,7 +122,7 @@ def test_unusable_studies_name_the_way_out(folder: Path, capsys: pytest.CaptureF
 
 def analytic_drape(request: DrapeRequest) -> RequestResult:
     """Stands for a simulation: soft and heavy fabrics fold more, repeats differ by a shift."""
-    y, x = np.mgrid[0:64, 0:64] / 63.0
+    y, x = np.mgrid[0:256, 0:256] / 255.0
     fabric = request.fabric
     folds = (fabric.density / fabric.bending_warp / fabric.stretch_warp**0.3) ** 0.2
     shift = 0.2 * np.random.default_rng(request.solver_seed(0)).normal()
@@ -138,8 +138,8 @@ def test_comparison_of_image_distances(
     monkeypatch.setattr("metric.simulate.run_request", analytic_drape)
     small = ["--fabrics", "3", "--steps", "3", "--simulations", "2", "--resolution", "0.025", "--workers", "1"]
     out = folder / "comparison"
-    found = document(capsys, "study", "compare", "--backends", "depth,silhouette", *small, "--out", str(out))
-    assert {s["name"] for s in found["scores"]} == {"depth", "silhouette"}
+    found = document(capsys, "study", "compare", "--backends", "depth,silhouette,trunk", *small, "--out", str(out))
+    assert {s["name"] for s in found["scores"]} == {"depth", "silhouette", "trunk"}
     for score in found["scores"]:
         assert 0 <= score["self_nearest"] <= 1
         assert set(score["monotone"]) == {"bending", "stretch", "density"}
