@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from renderer.store import RowStatus, Store
+from services.dataset.inspection import inspect_store
 from services.dataset.shard import ShardTask, picture_fault, simulate_and_render, simulate_shard
+from services.dataset.sweep import prepare_store
 from services.dataset.worker import ShardWorker
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import SimulationError
@@ -97,3 +99,15 @@ def test_a_shard_alone_and_again_gives_the_same_bits_and_simulate_makes_its_drap
     fabric = FabricParameters.from_array(store.parameters[row])
     again = Solver(configuration.mesh).solve(fabric, Setup.nominal("hanging"), seed=int(store.column("seed")[row]))
     assert np.array_equal(again.vertices.astype(np.float32), store.vertices(2))
+
+
+def test_a_worker_does_not_grow_and_its_pictures_are_small(tmp_path: Path) -> None:
+    """Solver's fields made anew for each task would take 0.6 MB a task."""
+    configuration, fabrics = small_sweep(materials=20, simulations_per_shard=1)
+    store = str(tmp_path / "s.zarr")
+    worker = ShardWorker(store, configuration)
+    shards = prepare_store(store, configuration, resume=False)
+    words = [word for n in shards for word in worker.run(ShardTask(n, fabrics.parameters([n // 2]), {}))]
+    assert len(words) == 40
+    assert max(word.rss_bytes for word in words[30:]) - words[10].rss_bytes < 8e6
+    assert inspect_store(Store.open(store)).float32_ratio > 5
