@@ -1,9 +1,12 @@
 """What the dataset service costs over bare simulation and rendering, how it scales, and what its stores weigh.
 
     python bench/bench_dataset.py [--materials 12] [--resolution 0.01] [--tasks 1000] [--json x.json] [--figure x.png]
+    python bench/bench_dataset.py --costs 0.05,0.02,0.01,0.005 --materials 6
 
-Prints a table and writes JSON. CPU seconds are those of every process of the service (driver, Ray, workers) between the
-first and the last word of a worker, so they hold on a busy machine too; wall-clock numbers need a quiet one.
+Prints a table and writes JSON. ``--costs`` instead sets simulations of several meshes beside what
+:mod:`services.dataset.cost` expects of them. CPU seconds are those of every process of the service (driver, Ray,
+workers) between the first and the last word of a worker, so they hold on a busy machine too; wall-clock numbers need a
+quiet one.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ import psutil
 from renderer.store import RowStatus, Store
 from services.dataset.cluster import ray_cluster
 from services.dataset.configuration import SweepConfiguration, simulation_seed
+from services.dataset.cost import estimate_cost
 from services.dataset.dispatch import Dispatcher, DispatchOptions
 from services.dataset.fabrics import FabricTable, plan_sweep
 from services.dataset.inspection import inspect_store
@@ -71,6 +75,19 @@ def bare(configuration: SweepConfiguration, fabrics: FabricTable) -> Run:
         simulate_and_render(parameters, configuration.scenes[scene], seed, configuration, solver)
     count = layout.simulations
     return Run((time.monotonic() - wall) / count, (time.process_time() - cpu) / count, start_s)
+
+
+def costs(resolutions: list[float], materials: int) -> Iterator[dict[str, float]]:
+    """Measured CPU seconds of a simulation with its pictures beside the estimate before a sweep."""
+    for resolution in resolutions:
+        configuration, fabrics = plan_sweep(materials=materials, jitters=1, resolution_m=resolution)
+        count = configuration.layout.simulations
+        yield {
+            "resolution_m": resolution,
+            "simulations": count,
+            "cpu_s": bare(configuration, fabrics).cpu_s,
+            "estimated_s": estimate_cost(configuration, 1).core_hours * 3600 / count,
+        }
 
 
 def service(configuration: SweepConfiguration, fabrics: FabricTable, workers: int, url: str) -> Run:
@@ -222,9 +239,14 @@ def main() -> None:
     parser.add_argument("--materials", type=int, default=12)
     parser.add_argument("--resolution", type=float, default=0.01)
     parser.add_argument("--tasks", type=int, default=1000)
+    parser.add_argument("--costs", help="mesh cells [m], separated by commas: check the cost estimate, nothing else")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--figure", type=Path)
     options = parser.parse_args()
+    if options.costs:
+        for row in costs([float(r) for r in options.costs.split(",")], options.materials):
+            print("  ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)
+        return
     with tempfile.TemporaryDirectory() as folder:
         numbers = report(options, Path(folder))
     for name, value in numbers.items():

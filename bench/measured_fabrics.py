@@ -59,7 +59,8 @@ def main() -> None:
     by_parameters = ParameterDistance.of_population(fabrics).matrix(fabrics)
     pictures = [{scene: thumbnail(sets[0]) for scene, sets in s.scenes.items()} for s in simulated]
 
-    note = f"drape distance in the plane ({100 * scaling.explained:.0f} % of its spectrum)"
+    mesh = f"{1e3 * arguments.resolution:g} mm mesh, N = {arguments.simulations}"
+    note = f"drape distance in the plane ({100 * scaling.explained:.0f} % of its spectrum); {mesh}"
     shown = [side_by_side(p) for p in pictures]
     embedding_figure(arguments.out / "measured-embedding.png", scaling.points, names, shown, title=note)
     reference = names.index(arguments.reference)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Picture = NDArray[np.uint8]
-_BOX = (0.125, 0.095)  # of a figure's width: what a fabric's picture and name take in an embedding
+_BOX = (0.13, 0.11)  # of a figure's width: what a fabric's picture and name take in an embedding
 
 Pictures = Mapping[Scene, Picture]
 """Small shaded pictures of one fabric by scene."""
@@ -89,6 +89,7 @@ def embedding_figure(
             ha="center",
             fontsize=7,
             zorder=10,
+            bbox={"pad": 0.5, "facecolor": "white", "edgecolor": "none"},
         )
     axes.set_title(title, fontsize=9)
     _save(figure, path)
