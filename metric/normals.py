@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric.backends import Channel
+from metric.pairwise import pairwise_table
 from metric.render import DrapeRender, check_same_size
 
 Normals = NDArray[np.float32]
@@ -29,7 +30,7 @@ class NormalAngle:
     def table(self, a: Sequence[Normals], b: Sequence[Normals]) -> NDArray[np.float64]:
         """Mean angle [rad] of every pair, shape [len(a), len(b)]."""
         check_same_size([f.shape for f in (*a, *b)])
-        return np.array([[_mean_angle(x, y) for y in b] for x in a])
+        return pairwise_table(a, b, _mean_angle)
 
 
 def depth_normals(render: DrapeRender) -> Normals:

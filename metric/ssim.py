@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from metric.backends import Channel
+from metric.pairwise import pairwise_table
 from metric.render import DrapeRender, check_same_size
 from simcore.errors import InputError
 
@@ -58,7 +59,7 @@ class Ssim:
     def table(self, a: Sequence[list[Moments]], b: Sequence[list[Moments]]) -> NDArray[np.float64]:
         """1 - similarity of every pair, shape [len(a), len(b)]."""
         check_same_size([f[0].image.shape for f in (*a, *b)])
-        return np.array([[1.0 - self._similarity(x, y) for y in b] for x in a])
+        return pairwise_table(a, b, lambda x, y: 1.0 - self._similarity(x, y))
 
     def _similarity(self, x: list[Moments], y: list[Moments]) -> float:
         _structure, whole = _ssim(x[0], y[0])

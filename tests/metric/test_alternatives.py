@@ -28,7 +28,8 @@ def test_zero_for_the_same_symmetric_and_larger_for_less_alike(name: str, make_r
     table = backend.table(features, features)
     assert table.shape == (3, 3)
     assert np.abs(np.diag(table)).max() < 1e-4
-    assert np.allclose(table, table.T, atol=1e-9)
+    every_pair = backend.table(features, list(features))
+    assert np.allclose(every_pair, every_pair.T, atol=1e-9) and np.allclose(table, every_pair, atol=1e-9)
     assert table[0, 2] >= table[0, 1] >= 0
     if name != "silhouette":  # the outlines of the three are the same
         assert table[0, 2] > table[0, 1] > 0
