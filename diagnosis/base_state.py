@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,6 +70,7 @@ def nearest_state(
     scene: SimulationScene,
     depth: NDArray[np.float32],
     candidates: list[KeyedDrape],
+    enough: Mapping[str, float] | None = None,
 ) -> tuple[KeyedDrape, float]:
     """The nearest of some fold states and of the equilibrium that the solver finds when led by the capture's heights.
 
@@ -74,21 +78,24 @@ def nearest_state(
         simulator, fabric, scene: what is simulated.
         depth: of the capture [m].
         candidates: states put up without the capture; at least one.
+        enough: by key of a state, the distance [m] within which no nearer one is looked for.
 
     Returns:
         The drape and its root mean square difference from the capture [m].
     """
     library = StateLibrary.of(simulator.cache, candidates[0].drape.mesh, fabric, scene)
-    known = _distinct([*candidates, *library.states()])
+    known = _distinct([*library.states(), *candidates])
     scored = [(depth_rms(depth, picture_of(c.drape, scene)), n, c) for n, c in enumerate(known)]
     rms, _, best = min(scored)
-    if rms**2 > noise_square(scene) + GOOD_ENOUGH_M**2:
+    near = max((enough or {}).get(best.key, 0.0), math.sqrt(noise_square(scene) + GOOD_ENOUGH_M**2))
+    if rms > near:
         led = simulator.led(best, fabric, scene, depth)
         if led.drape.ok:
-            led = library.canonical(led, known)
+            led = next((k for k in known if vertex_rms(k.drape, led.drape) < SAME_STATE_M), led)
             scored.append((depth_rms(depth, picture_of(led.drape, scene)), len(scored), led))
     usable = [entry for entry in scored if entry[2].drape.ok] or scored
     rms, _, best = min(usable)
+    library.add(best)
     return best, rms
 
 

@@ -78,7 +78,7 @@ def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model:
     """
     measured = np.concatenate([c.measured.vector() for c in captures])
     seen = np.isfinite(measured)
-    stacked = {name: _stacked(captures, name)[:, seen] for name in captures[0].responses}
+    stacked = {name: _stacked(captures, name)[:, seen] for name in captures[0].responses.effects}
     sizes = [c.reference.count + 3 for c in captures]
     owner = np.repeat(np.arange(len(sizes)), sizes)[seen]
     wide = [max(s, model.wide_sigma) for s in sigma[:6]] + [sigma[6]]
@@ -99,8 +99,7 @@ def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model:
 
 
 def _stacked(captures: Sequence[CaptureResult], name: str) -> Array:
-    nodes = range(len(captures[0].responses[name]))
-    return np.stack([np.concatenate([c.responses[name][n][0] for c in captures]) for n in nodes])
+    return np.concatenate([c.responses.effects[name][0] for c in captures], axis=1)
 
 
 def _view(measured: Array, stacked: dict[str, Array], owner: NDArray[np.intp], covariance: Array) -> View:
@@ -138,9 +137,9 @@ def make_pixel_block(captures: Sequence[CaptureResult], model: NoiseModel) -> Pi
     """Average each statistic over the captures that have it and whose sensor is stated; the sensor is one for all."""
     known = [c for c in captures if c.sensor_known]
     if not known:
-        empty = {name: np.zeros((len(rows), 0)) for name, rows in captures[0].responses.items()}
+        empty = {name: np.zeros((len(rows[0]), 0)) for name, rows in captures[0].responses.effects.items()}
         return PixelBlock(np.zeros(0), empty)
-    deviation = np.stack([c.measured.pixels - c.sensed for c in known])
+    deviation = np.stack([c.measured.pixels - c.responses.sensed for c in known])
     seen = np.isfinite(deviation)
     count = seen.sum(axis=0)
     scale = np.asarray(model.pixel_sigma) * np.sqrt(1.0 + 1.0 / np.maximum(count, 1))
@@ -152,7 +151,7 @@ def make_pixel_block(captures: Sequence[CaptureResult], model: NoiseModel) -> Pi
         return np.asarray((total / scale)[usable])
 
     responses = {
-        name: np.stack([mean(np.stack([c.responses[name][n][1] for c in known])) for n in range(len(rows))])
-        for name, rows in captures[0].responses.items()
+        name: np.stack([mean(np.stack([c.responses.effects[name][1][n] for c in known])) for n in range(len(rows[0]))])
+        for name, rows in captures[0].responses.effects.items()
     }
     return PixelBlock(mean(deviation), responses)

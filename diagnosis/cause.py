@@ -1,27 +1,59 @@
-"""Probabilities over the catalogue, ``none`` and ``unknown``."""
+"""Probabilities over the catalogue, ``none`` and ``unknown``; one effect or two."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from diagnosis.block import Block, PixelBlock
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence, explain, explain_nothing, explain_unknown
+from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing, tabulate_unknown
 from diagnosis.likelihood import LikelihoodModel
+from diagnosis.subtract import pixels_without, without
 
 NOT_EFFECTS = ("none", "unknown")
+FIRST_EFFECTS = 3
+"""So many of the best single effects are tried together with every other one."""
 
 
 @dataclass(frozen=True)
 class CausePrior:
-    """Probabilities before anything is seen; the rest is shared evenly by the effects."""
+    """Probabilities before anything is seen; the rest is shared by the effects.
+
+    Attributes:
+        none, unknown, two: of no effect, of something else, of two effects.
+        scatter: how much less probable than another an effect is that can explain any scatter.
+    """
 
     none: float = 0.3
     unknown: float = 0.05
+    two: float = 0.05
+    scatter: float = 0.2
+
+    def shares(self, effects: Sequence[str]) -> dict[str, float]:
+        """Of each single explanation."""
+        weight = {name: self.scatter if get_effect(name).random_repeats else 1.0 for name in effects}
+        rest = (1.0 - self.none - self.unknown - self.two) / sum(weight.values())
+        return {"none": self.none, "unknown": self.unknown} | {name: rest * w for name, w in weight.items()}
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two effects together.
+
+    Attributes:
+        first, second: names; the first explains more alone.
+        sizes: of each.
+        evidence: of both; its size and interval are the second's.
+    """
+
+    first: str
+    second: str
+    sizes: Mapping[str, Mapping[str, float]]
+    evidence: Evidence
 
 
 @dataclass(frozen=True)
@@ -29,17 +61,38 @@ class Cause:
     """What the captures say about the cause.
 
     Attributes:
-        probabilities: explanation to probability; they sum to one.
+        probabilities: explanation to probability; they sum to one. A pair's probability is shared by its two.
         evidence: explanation to its evidence.
+        factor: log of the odds of the captures under anything but ``none`` against ``none``.
+        pair: the best pair, where one was tried.
+        pair_probability: of all pairs.
     """
 
     probabilities: Mapping[str, float]
     evidence: Mapping[str, Evidence]
+    factor: float
+    pair: Pair | None = None
+    pair_probability: float = 0.0
 
     @property
     def top(self) -> str:
         """The most probable explanation."""
         return max(self.probabilities, key=lambda name: self.probabilities[name])
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects that explain the captures: none, one or two; the most probable first."""
+        if self.top in NOT_EFFECTS:
+            return ()
+        if self.pair is not None and self.pair_probability > 0.5 and self.top in (self.pair.first, self.pair.second):
+            return (self.top, self.pair.second if self.top == self.pair.first else self.pair.first)
+        return (self.top,)
+
+    def size(self, name: str) -> Mapping[str, float]:
+        """Fitted size of a named effect."""
+        if self.pair is not None and len(self.named) == 2 and name in self.pair.sizes:
+            return self.pair.sizes[name]
+        return self.evidence[name].size
 
 
 def name_cause(
@@ -48,13 +101,84 @@ def name_cause(
     pixels: PixelBlock,
     model: LikelihoodModel = LikelihoodModel(),
     prior: CausePrior = CausePrior(),
+    *,
+    pairs: bool = True,
 ) -> Cause:
-    """Weigh all explanations against one another."""
-    evidence = {"none": explain_nothing(blocks, pixels, model), "unknown": explain_unknown(blocks, pixels, model)}
-    for name in effects:
-        evidence[name] = explain(get_effect(name), blocks, pixels, model)
-    share = (1.0 - prior.none - prior.unknown) / max(len(effects), 1)
-    before = {"none": prior.none, "unknown": prior.unknown}
-    weight = {name: e.log_evidence + np.log(before.get(name, share)) for name, e in evidence.items()}
-    total = float(logsumexp(list(weight.values())))
-    return Cause({name: float(np.exp(w - total)) for name, w in weight.items()}, evidence)
+    """Weigh all explanations against one another.
+
+    Args:
+        effects: names to try.
+        blocks, pixels: what was measured.
+        model, prior: of likelihood and explanations.
+        pairs: try two effects together.
+    """
+    tables = [tabulate_nothing(blocks, pixels, model), tabulate_unknown(blocks, pixels, model)]
+    tables += [tabulate(get_effect(name), blocks, pixels, model) for name in effects]
+    best = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
+    evidence = {table.name: table.weigh(blocks, best, model) for table in tables}
+    both = _pairs(effects, blocks, pixels, model, evidence, tables) if pairs and len(effects) > 1 else []
+    if both:
+        best = [max(top, *(float(table.blocks[n].max()) for _, _, table in both)) for n, top in enumerate(best)]
+        evidence = {table.name: table.weigh(blocks, best, model) for table in tables}
+    found = [Pair(first, table.name, sizes, table.weigh(blocks, best, model)) for first, sizes, table in both]
+    return _weigh(effects, evidence, found, prior)
+
+
+def _weigh(effects: Sequence[str], evidence: Mapping[str, Evidence], pairs: list[Pair], prior: CausePrior) -> Cause:
+    count = max(len(effects), 1)
+    before = prior.shares(effects)
+    weight = {name: e.log_evidence + np.log(before[name]) for name, e in evidence.items()}
+    two = [p.evidence.log_evidence + np.log(2 * prior.two / (count * max(count - 1, 1))) for p in pairs]
+    total = float(logsumexp([*weight.values(), *two]))
+    probabilities = {name: float(np.exp(w - total)) for name, w in weight.items()}
+    for pair, w in zip(pairs, two, strict=True):
+        probabilities[pair.first] += 0.501 * float(np.exp(w - total))
+        probabilities[pair.second] += 0.499 * float(np.exp(w - total))
+    rest = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
+    factor = rest - np.log(1 - prior.none) - evidence["none"].log_evidence
+    best = pairs[int(np.argmax(two))] if pairs else None
+    return Cause(probabilities, evidence, float(factor), best, float(np.exp(np.array(two) - total).sum()))
+
+
+def _pairs(
+    effects: Sequence[str],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    evidence: Mapping[str, Evidence],
+    tables: Sequence[Table],
+) -> list[tuple[str, dict[str, Mapping[str, float]], Table]]:
+    """Each of the best effects with every other, the first at its best size given the second; no pair twice."""
+    usable = [name for name in effects if not get_effect(name).random_repeats]
+    first_names = sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]
+    found, seen = [], set()
+    for first in first_names:
+        size: Mapping[str, float] = evidence[first].size
+        occam = evidence[first].log_evidence - evidence[first].best
+        for second in effects:
+            if second == first or frozenset({first, second}) in seen:
+                continue
+            seen.add(frozenset({first, second}))
+            table = _given(second, first, size, blocks, pixels, model)
+            best = [float(values.max()) for values in table.blocks]
+            sizes = {first: size, second: table.weigh(blocks, best, model).size}
+            if not get_effect(second).random_repeats:
+                back = _given(first, second, sizes[second], blocks, pixels, model)
+                sizes[first] = back.weigh(blocks, [float(v.max()) for v in back.blocks], model).size
+                table = _given(second, first, sizes[first], blocks, pixels, model)
+                sizes[second] = table.weigh(blocks, [float(v.max()) for v in table.blocks], model).size
+            found.append((first, sizes, replace(table, prior=table.prior + occam)))
+    return found
+
+
+def _given(
+    name: str,
+    other: str,
+    size: Mapping[str, float],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+) -> Table:
+    """One effect where another of known size is there too."""
+    left = [without(block, other, size) for block in blocks]
+    return tabulate(get_effect(name), left, pixels_without(pixels, other, size), model)

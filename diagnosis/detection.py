@@ -7,17 +7,21 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from diagnosis.block import Block, PixelBlock
+from diagnosis.cause import Cause
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.report import Gap
 
-ALARM = 0.01
+ALARM = 0.05
+TESTS = 3
 
 
-def detect(blocks: list[Block], pixels: PixelBlock, model: LikelihoodModel) -> Gap:
-    """Robust statistic: each fabric's normalised squared difference in ``stretch`` (``hanging`` where there is none).
+def detect(blocks: list[Block], pixels: PixelBlock, cause: Cause, model: LikelihoodModel) -> Gap:
+    """Three tests, the smallest p-value counts three times (Bonferroni).
 
-    Fabrics are combined by their median, so that one fabric with wrong parameters raises no alarm; the pixel
-    statistics and the fabrics are two tests, the smaller p-value counts double (Bonferroni).
+    Shape: each fabric's normalised squared difference in ``stretch`` (``hanging`` where there is none), by the median
+    over fabrics, so that one fabric with wrong parameters raises no alarm. Pixels: their statistics. Factor: if nothing
+    is there, the captures are more than b times as probable under other explanations in at most 1/b of cases (Markov's
+    inequality), so one over that factor is a p-value.
     """
     scene = "stretch" if any(b.scene == "stretch" for b in blocks) else "hanging"
     chosen = [b for b in blocks if b.scene == scene]
@@ -29,7 +33,8 @@ def detect(blocks: list[Block], pixels: PixelBlock, model: LikelihoodModel) -> G
     if len(pixels.measured):
         clipped = np.minimum(pixels.measured**2, 100.0)
         p_pixel = float(chi2.sf(float(clipped.sum()) / 2.0, len(clipped)))
-    p = min(1.0, 2.0 * min(p_shape, p_pixel))
+    p_factor = float(np.exp(min(0.0, -cause.factor)))
+    p = min(1.0, TESTS * min(p_shape, p_pixel, p_factor))
     metres = np.concatenate([b.metres(b.stated.measured) for b in chosen])
     floor = np.concatenate([np.diag(b.stated.factor @ b.stated.factor.T) for b in chosen])
     return Gap(
@@ -40,4 +45,5 @@ def detect(blocks: list[Block], pixels: PixelBlock, model: LikelihoodModel) -> G
         scene=scene,
         p_shape=p_shape,
         p_pixels=p_pixel,
+        p_factor=p_factor,
     )

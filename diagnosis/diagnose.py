@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from capture.capture_set import CaptureSet
 from diagnosis.block import Block, make_block, make_pixel_block
@@ -18,6 +18,7 @@ from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
 from diagnosis.preparation import prepare_tasks
 from diagnosis.regions import region_gaps
+from diagnosis.repeats import pin_scatter
 from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport, StageName
 from diagnosis.shrinkage import measure_shrinkage
 from diagnosis.simulator import Cost
@@ -133,7 +134,22 @@ def conclude(
     model: LikelihoodModel = LikelihoodModel(),
 ) -> Diagnosis:
     """From simulations to the report: statistics alone."""
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
+
+    with threadpool_limits(1):  # small matrices: more threads cost more than they give
+        return _conclude(results, effects, assumed, began, noise, model)
+
+
+def _conclude(
+    results: Sequence[FabricResult],
+    effects: tuple[str, ...],
+    assumed: tuple[str, ...],
+    began: float | None,
+    noise: NoiseModel,
+    model: LikelihoodModel,
+) -> Diagnosis:
     blocks = []
+    noise = replace(noise, pin_m=pin_scatter([c for r in results for c in r.captures], noise))
     for result in results:
         for scene in ("hanging", "stretch"):
             own = [c for c in result.captures if c.scene == scene]
@@ -141,8 +157,8 @@ def conclude(
                 blocks.append(make_block(own, result.task.relative_sigma, noise))
     captures = [c for r in results for c in r.captures]
     pixels = make_pixel_block(captures, noise)
-    gap = detect(blocks, pixels, model)
     cause = name_cause(effects, blocks, pixels, model)
+    gap = detect(blocks, pixels, cause, model)
     cost = Cost()
     for result in results:
         cost.add(result.cost)
@@ -174,24 +190,31 @@ def _stage(cause: Cause) -> StageName:
 
 
 def _cause_report(cause: Cause) -> CauseReport:
-    top = cause.top
-    found = []
-    if top not in NOT_EFFECTS:
-        effect, evidence = get_effect(top), cause.evidence[top]
-        scalar = set(evidence.size) == {SCALAR}
-        found.append(
-            FoundEffect(
-                name=top,
-                stage=effect.stage.value,
-                magnitude=evidence.size[SCALAR] if scalar else evidence.size,
-                unit=effect.unit,
-                interval_90=evidence.interval_90[SCALAR] if scalar else evidence.interval_90,
-            )
-        )
-    near = {name for group in GROUPS if top in group for name in group} - {top}
+    near = {name for group in GROUPS for own in cause.named if own in group for name in group} - set(cause.named)
     return CauseReport(
         probabilities=dict(cause.probabilities),
-        top=top,
-        effects=tuple(found),
+        top=cause.top,
+        effects=tuple(_found(cause, name) for name in cause.named),
         not_separable_from=tuple(sorted(near & set(cause.probabilities))),
+    )
+
+
+def _found(cause: Cause, name: str) -> FoundEffect:
+    effect = get_effect(name)
+    size, interval = dict(cause.size(name)), dict(cause.evidence[name].interval_90)
+    if len(cause.named) == 2 and cause.pair is not None:
+        # the pair moves the sizes: intervals keep their widths and move along
+        if name == cause.pair.second:
+            interval = dict(cause.pair.evidence.interval_90)
+        else:
+            alone = cause.evidence[name].size
+            interval = {k: (a + size[k] - alone[k], b + size[k] - alone[k]) for k, (a, b) in interval.items()}
+    scalar = SCALAR in size
+    return FoundEffect(
+        name=name,
+        stage=effect.stage.value,
+        magnitude=size[SCALAR] if scalar else size,
+        unit=effect.unit,
+        interval_90=interval[SCALAR] if scalar else interval,
+        place={key: value for key, value in size.items() if key != SCALAR} if scalar else {},
     )

@@ -7,11 +7,13 @@ import hashlib
 import io
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.version import SIMULATION_VERSION
 from renderer.atomic import write_atomically
@@ -96,6 +98,31 @@ class DrapeCache:
         }
         content = io.BytesIO()
         np.savez(content, vertices=drape.vertices, facts=json.dumps(facts))
+        write_atomically(path, content.getvalue())
+
+    def has(self, key: str) -> bool:
+        """Whether something is kept under a key."""
+        return self.folder is not None and self._path(key).is_file()
+
+    def get_arrays(self, key: str) -> dict[str, NDArray[np.float64]] | None:
+        """Named arrays of a key, or None; an unreadable file counts as absent."""
+        if self.folder is None:
+            return None
+        try:
+            with np.load(self._path(key)) as data:
+                return {name: np.asarray(data[name], dtype=np.float64) for name in data.files}
+        except (OSError, ValueError, KeyError, EOFError):
+            return None
+
+    def put_arrays(self, key: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:
+        """Keep named arrays, as float32 (they are differences of pictures)."""
+        if self.folder is None:
+            return
+        path = self._path(key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        content = io.BytesIO()
+        compact: dict[str, Any] = {name: value.astype(np.float32) for name, value in arrays.items()}
+        np.savez_compressed(content, **compact)
         write_atomically(path, content.getvalue())
 
     def _path(self, key: str) -> Path:

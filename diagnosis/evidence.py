@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from diagnosis.effect import SCALAR, Effect
 from diagnosis.likelihood import (
     LikelihoodModel,
     combine,
-    log_student,
+    over_views,
     pixel_log_likelihood,
     pixel_unknown,
     spoiled_log_likelihood,
@@ -46,78 +46,104 @@ class Evidence:
     interval_90: dict[str, tuple[float, float]]
 
 
-def explain(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
-    """Weigh one effect, its size common to all fabrics."""
+@dataclass(frozen=True)
+class Table:
+    """Log likelihoods of one explanation at all its sizes (places and sizes in one row, ``s`` long).
+
+    Attributes:
+        name: effect, ``none`` or ``unknown``.
+        blocks: of each block, [s].
+        pixels: of the pixel statistics, [s].
+        prior: log weights that sum to one (or, for a vector, its Laplace factor), [s].
+        sizes: by component, one entry an ``s``.
+        sigma: of a vector's components.
+    """
+
+    name: str
+    blocks: tuple[Array, ...]
+    pixels: Array
+    prior: Array
+    sizes: tuple[dict[str, float], ...]
+    sigma: dict[str, float] = field(default_factory=dict)
+
+    def weigh(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> Evidence:
+        """Combine blocks, marginalise the size."""
+        total, fabrics = combine(blocks, self.blocks, best, model)
+        likelihood = total + self.pixels
+        posterior = likelihood + self.prior
+        evidence = float(logsumexp(posterior))
+        top = int(np.argmax(posterior))
+        size = self.sizes[top]
+        if self.sigma:
+            interval = {n: (size[n] - 1.645 * d, size[n] + 1.645 * d) for n, d in self.sigma.items()}
+        elif SCALAR in size:
+            values = np.array([s[SCALAR] for s in self.sizes])
+            interval = {SCALAR: _interval(values, np.exp(posterior - evidence))}
+        else:
+            interval = {}
+        by_fabric = {key: float(value[top]) for key, value in fabrics.items()}
+        return Evidence(self.name, evidence, float(likelihood[top]), by_fabric, size, interval)
+
+
+def tabulate(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """Log likelihoods of one effect, its size common to all fabrics."""
     if effect.vector:
-        return _explain_vector(effect, blocks, pixels, model)
+        return _tabulate_vector(effect, blocks, pixels, model)
     if effect.random_repeats:
-        return _explain_scatter(effect, blocks, pixels, model)
-    return _explain_scalar(effect, blocks, pixels, model)
+        return _tabulate_scatter(effect, blocks, pixels, model)
+    return _tabulate_scalar(effect, blocks, pixels, model)
 
 
-def explain_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
-    """Weigh no effect."""
-    values = []
-    for block in blocks:
-        rows = [_at_rest(view, model) for view in block.views]
-        values.append(np.stack(rows))
-    total, fabrics = combine(blocks, values, model)
-    score = float(total[0]) + float(pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0])
-    return Evidence("none", score, score, {k: float(v[0]) for k, v in fabrics.items()}, {}, {})
+def tabulate_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """Of no effect."""
+    values = tuple(
+        over_views(np.stack([_at_rest(view, block.scene, model) for view in block.views]), model) for block in blocks
+    )
+    calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
+    return Table("none", values, calm, np.zeros(1), ({},))
 
 
-def explain_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
-    """Weigh something that no effect describes: in the shape, in the pixels or in both."""
-    spoiled: dict[str, float] = {}
-    for block in blocks:
-        spoiled[block.fabric] = spoiled.get(block.fabric, 0.0) + spoiled_log_likelihood(block, model)
-    shape = sum(spoiled.values())
-    nothing = explain_nothing(blocks, pixels, model)
-    calm = float(pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0])
+def tabulate_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """Of something that no effect describes: in the shape, in the pixels or in both."""
+    nothing = tabulate_nothing(blocks, pixels, model)
     wild = pixel_unknown(pixels, model)
-    cases = [shape + calm, shape + wild, nothing.best - calm + wild]
-    score = float(logsumexp(cases) - np.log(len(cases)))
-    return Evidence("unknown", score, score, spoiled, {}, {})
+    calm = float(nothing.pixels[0])
+    values = []
+    for block, still in zip(blocks, nothing.blocks, strict=True):
+        spoiled = spoiled_log_likelihood(block, model)
+        values.append(np.array([spoiled, spoiled, still[0]]))
+    return Table("unknown", tuple(values), np.array([calm, wild, wild]), np.full(3, -np.log(3.0)), ({}, {}, {}))
 
 
-def _at_rest(view: View, model: LikelihoodModel) -> Array:
+def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:
     still = np.zeros((1, len(view.measured)))
-    return view_log_likelihood(view.measured[None], still, view.log_det, model)
+    return view_log_likelihood(view.measured[None], still, view.log_det, scene, model)
 
 
-def _explain_scalar(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
+def _tabulate_scalar(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
     """On a grid of sizes and over the effect's places."""
     sizes = grid(effect)
     weights = interpolation(effect, sizes)
-    count = weights.shape[1]
-    likelihood = np.empty((len(effect.places), len(sizes)))
-    parts: list[dict[str, Array]] = []
-    for number in range(len(effect.places)):
-        own = slice(number * count, (number + 1) * count)
-        values = []
-        for block in blocks:
-            rows = []
-            for view in block.views:
-                response = weights @ view.responses[effect.name][own]
-                rows.append(view_log_likelihood(view.measured - response, response, view.log_det, model))
-            values.append(np.stack(rows))
-        total, fabrics = combine(blocks, values, model)
-        parts.append(fabrics)
-        likelihood[number] = total + pixel_log_likelihood(pixels, weights @ pixels.responses[effect.name][own], model)
-    posterior = likelihood + log_prior(effect, sizes) - np.log(len(effect.places))
-    evidence = float(logsumexp(posterior))
-    place, best = np.unravel_index(int(np.argmax(posterior)), posterior.shape)
-    return Evidence(
+    count, places = weights.shape[1], len(effect.places)
+    slices = [slice(number * count, (number + 1) * count) for number in range(places)]
+    values = []
+    for block in blocks:
+        rows = []
+        for view in block.views:
+            response = np.concatenate([weights @ view.responses[effect.name][own] for own in slices])
+            rows.append(view_log_likelihood(view.measured - response, response, view.log_det, block.scene, model))
+        values.append(over_views(np.stack(rows), model))
+    seen = np.concatenate([weights @ pixels.responses[effect.name][own] for own in slices])
+    return Table(
         effect.name,
-        evidence,
-        float(likelihood[place, best]),
-        {key: float(value[best]) for key, value in parts[place].items()},
-        {SCALAR: float(sizes[best])} | dict(effect.places[place]),
-        {SCALAR: _interval(sizes, np.exp(posterior - evidence).sum(axis=0))},
+        tuple(values),
+        pixel_log_likelihood(pixels, seen, model),
+        np.tile(log_prior(effect, sizes), places) - np.log(places),
+        tuple({SCALAR: float(size)} | dict(place) for place in effect.places for size in sizes),
     )
 
 
-def _explain_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
+def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
     """An effect that is another in every repeat widens the blocks' covariance.
 
     The responses simulated for some random draws give the spread; captures are taken as independent of one another.
@@ -135,26 +161,22 @@ def _explain_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
             rest = float(view.measured @ view.measured) - float(along @ along)
             variance = 1.0 + np.outer(step**2, spread**2)
             square = (rest + (along**2 / variance).sum(axis=1)) * model.dimension_share
-            row = log_student(square, dimension, model.degrees) - model.dimension_share * view.log_det
+            row = model.log_density(square, dimension, block.scene) - model.dimension_share * view.log_det
             rows.append(row - 0.5 * model.dimension_share * np.log(variance).sum(axis=1))
-        values.append(np.stack(rows))
-    total, fabrics = combine(blocks, values, model)
-    likelihood = total + pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0]
-    posterior = likelihood + log_prior(effect, sizes)
-    evidence = float(logsumexp(posterior))
-    best = int(np.argmax(posterior))
-    return Evidence(
+        values.append(over_views(np.stack(rows), model))
+    calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
+    place = dict(effect.places[0])
+    return Table(
         effect.name,
-        evidence,
-        float(likelihood[best]),
-        {key: float(value[best]) for key, value in fabrics.items()},
-        {SCALAR: float(sizes[best])} | dict(effect.places[0]),
-        {SCALAR: _interval(sizes, np.exp(posterior - evidence))},
+        tuple(values),
+        np.repeat(calm, len(sizes)),
+        log_prior(effect, sizes),
+        tuple({SCALAR: float(size)} | place for size in sizes),
     )
 
 
-def _explain_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Evidence:
-    """Linear response, Gaussian prior, Laplace's approximation; Student weights by repeated reweighting."""
+def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """Linear response, Gaussian prior, Laplace's approximation; robust weights by repeated reweighting."""
     step = vector_step(effect)
     count = len(effect.components)
     prior_sigma = 1.2 * step / np.sqrt(count)
@@ -166,9 +188,7 @@ def _explain_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock,
             view = block.stated
             columns = view.responses[effect.name] / step
             residual = view.measured - size @ columns
-            dimension = len(residual) * model.dimension_share
-            square = model.dimension_share * float(residual @ residual)
-            weight = model.dimension_share * (model.degrees + dimension) / (model.degrees + square)
+            weight = model.dimension_share / max(float(residual @ residual) / len(residual), 0.3)
             hessian += weight * columns @ columns.T
             right += weight * columns @ view.measured
         size = np.linalg.solve(hessian, right)
@@ -177,27 +197,24 @@ def _explain_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock,
         rows = []
         for view in block.views:
             response = (size @ view.responses[effect.name] / step)[None]
-            rows.append(view_log_likelihood(view.measured - response, response, view.log_det, model))
-        values.append(np.stack(rows))
-    total, fabrics = combine(blocks, values, model)
-    best = float(total[0]) + float(pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)[0])
+            rows.append(view_log_likelihood(view.measured - response, response, view.log_det, block.scene, model))
+        values.append(over_views(np.stack(rows), model))
     occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
     occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
     sigma = np.sqrt(np.diag(np.linalg.inv(hessian)))
-    names = list(effect.components)
-    return Evidence(
+    return Table(
         effect.name,
-        best + occam,
-        best,
-        {key: float(value[0]) for key, value in fabrics.items()},
-        {n: float(s) for n, s in zip(names, size, strict=True)},
-        {n: (float(s - 1.645 * d), float(s + 1.645 * d)) for n, s, d in zip(names, size, sigma, strict=True)},
+        tuple(values),
+        pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model),
+        np.array([occam]),
+        ({n: float(s) for n, s in zip(effect.components, size, strict=True)},),
+        {n: float(d) for n, d in zip(effect.components, sigma, strict=True)},
     )
 
 
 def _interval(sizes: Array, mass: Array) -> tuple[float, float]:
-    """5 and 95 % points of a distribution on a grid."""
-    order = np.argsort(sizes)
+    """5 and 95 % points of a distribution on a grid (in any order, with repeats)."""
+    order = np.argsort(sizes, kind="stable")
     cumulative = np.cumsum(mass[order])
     low, high = (float(np.interp(q, cumulative, sizes[order])) for q in (0.05, 0.95))
     return low, high

@@ -14,6 +14,8 @@ from diagnosis.block import Block, PixelBlock
 Array = NDArray[np.float64]
 FACTORS = np.geomspace(1.0, 100.0, 33)
 """By how much errors may be larger than modelled in a spoiled block."""
+SCALES = np.geomspace(0.3, 8.0, 25)
+"""By how much errors of an ordinary block may be smaller or larger than modelled."""
 
 
 @dataclass(frozen=True)
@@ -21,25 +23,38 @@ class LikelihoodModel:
     """How the likelihood is formed.
 
     Attributes:
-        degrees: Student's degrees of freedom of a block (one fabric in one scene).
+        spread_stretch, spread_hanging: how uncertain the size of a block's (one fabric in one scene) errors is,
+            standard deviation of its logarithm.
         dimension_share: share of a block's dimensions that counts as independent.
+        degrees: Student's degrees of freedom of the tests of gap and regions.
         pixel_degrees: of each pixel statistic.
-        template_share: relative error of a simulated response.
-        spoiled: probability that a block is spoiled (its folds were not found), by scene.
-        wrong_fabric: probability that a fabric's stated parameters are wrong.
+        template_share, form_share: relative error of a simulated response in its length, and in its form.
+        patience_stretch, patience_hanging: log likelihood that a block may lose before it is heard less.
+        wide_fabric: probability that a fabric's stated parameters are wrong.
     """
 
+    spread_stretch: float = 0.5
+    spread_hanging: float = 0.8
+    dimension_share: float = 0.25
     degrees: float = 20.0
-    dimension_share: float = 0.15
     pixel_degrees: float = 8.0
-    template_share: float = 0.2
-    spoiled_stretch: float = 0.05
-    spoiled_hanging: float = 0.3
-    wrong_fabric: float = 0.03
+    template_share: float = 0.08
+    form_share: float = 0.15
+    patience_stretch: float = 2.5
+    patience_hanging: float = 0.8
+    wide_fabric: float = 0.05
 
-    def spoiled(self, scene: str) -> float:
-        """Probability that a block of this scene is spoiled."""
-        return self.spoiled_hanging if scene == "hanging" else self.spoiled_stretch
+    def log_density(self, square: Array, dimension: float, scene: str) -> Array:
+        """Log density of ``dimension`` errors of one unknown scale at squared length ``square`` (up to 2 pi's)."""
+        spread = self.spread_hanging if scene == "hanging" else self.spread_stretch
+        weight = -0.5 * (np.log(SCALES) / spread) ** 2
+        weight = weight - float(logsumexp(weight))
+        values = -0.5 * np.asarray(square)[..., None] / SCALES**2 - dimension * np.log(SCALES) + weight
+        return np.asarray(logsumexp(values, axis=-1) - 0.5 * dimension * np.log(2 * np.pi))
+
+    def patience(self, scene: str) -> float:
+        """Of a block of this scene."""
+        return self.patience_hanging if scene == "hanging" else self.patience_stretch
 
 
 def log_student(square: Array | float, dimension: float, degrees: float) -> Array:
@@ -61,49 +76,64 @@ def spoiled_log_likelihood(block: Block, model: LikelihoodModel) -> float:
     return float(logsumexp(values) - np.log(len(FACTORS))) - model.dimension_share * view.log_det
 
 
-def view_log_likelihood(residual: Array, response: Array, log_det: float, model: LikelihoodModel) -> Array:
+def view_log_likelihood(residual: Array, response: Array, log_det: float, scene: str, model: LikelihoodModel) -> Array:
     """Of one block under one covariance for many sizes at once.
 
-    The response has a relative error: covariance I + share² t tᵀ, by Sherman and Morrison.
+    The response t is uncertain in its length and in its form: covariance I + share² t tᵀ (by Sherman and Morrison),
+    and all errors grow with the response's mean square.
 
     Args:
         residual: measured minus response, whitened, [sizes, n].
         response: whitened, [sizes, n].
         log_det: half the log determinant of the covariance.
+        scene: of the block.
         model: see there.
 
     Returns:
         [sizes].
     """
-    dimension = residual.shape[1] * model.dimension_share
-    square = np.einsum("gn,gn->g", residual, residual)
+    count = residual.shape[1]
+    dimension = count * model.dimension_share
     norm = np.einsum("gn,gn->g", response, response)
-    cross = np.einsum("gn,gn->g", residual, response)
+    grown = 1.0 + model.form_share**2 * norm / count
+    square = np.einsum("gn,gn->g", residual, residual) / grown
+    cross = np.einsum("gn,gn->g", residual, response) / grown
     weight = model.template_share**2
-    square = (square - weight * cross**2 / (1 + weight * norm)) * model.dimension_share
-    spread = 0.5 * np.log1p(weight * norm) + model.dimension_share * log_det
-    return np.asarray(log_student(square, dimension, model.degrees) - spread)
+    along = cross**2 / np.maximum(norm / grown, 1e-12)
+    length = along / (1 + weight * norm / grown)
+    square = (square - along) * model.dimension_share + length
+    spread = 0.5 * np.log1p(weight * norm / grown) + 0.5 * dimension * np.log(grown) + model.dimension_share * log_det
+    return np.asarray(model.log_density(square, dimension, scene) - spread)
 
 
-def combine(blocks: Sequence[Block], values: Sequence[Array], model: LikelihoodModel) -> tuple[Array, dict[str, Array]]:
-    """Blocks to fabrics to everything: a block may be spoiled, a fabric's parameters may be wrong.
+def over_views(value: Array, model: LikelihoodModel) -> Array:
+    """Of a block whose fabric may have wrong parameters: [views, sizes] to [sizes]."""
+    weights = np.log([1 - model.wide_fabric, model.wide_fabric])[:, None]
+    return np.asarray(logsumexp(value + weights, axis=0))
+
+
+def combine(
+    blocks: Sequence[Block], values: Sequence[Array], best: Sequence[float], model: LikelihoodModel
+) -> tuple[Array, dict[str, Array]]:
+    """Blocks to everything, so that none outvotes the others.
+
+    What a block loses against the best of all explanations counts in full while it is small and like its logarithm
+    when it is large: a single block or fabric that is odd for a reason of its own decides nothing.
 
     Args:
         blocks: all blocks.
-        values: log likelihood of each block under each of its views, [views, sizes].
+        values: log likelihood of each block, [sizes].
+        best: of each block, over all explanations.
         model: see there.
 
     Returns:
-        Sum over fabrics, [sizes], and by fabric.
+        Sum over blocks, [sizes], and by fabric.
     """
-    by_fabric: dict[str, Array] = {}
-    for block, value in zip(blocks, values, strict=True):
-        share = model.spoiled(block.scene)
-        bad = spoiled_log_likelihood(block, model) + np.log(share)
-        mixed = np.logaddexp(value + np.log1p(-share), bad)
-        by_fabric[block.fabric] = by_fabric.get(block.fabric, np.zeros_like(mixed)) + mixed
-    weights = np.log([1 - model.wrong_fabric, model.wrong_fabric])[:, None]
-    fabrics = {name: np.asarray(logsumexp(value + weights, axis=0)) for name, value in by_fabric.items()}
+    fabrics: dict[str, Array] = {}
+    for block, value, top in zip(blocks, values, best, strict=True):
+        patience = model.patience(block.scene)
+        loss = patience * np.log1p((top - value) / patience)
+        fabrics[block.fabric] = fabrics.get(block.fabric, np.zeros_like(loss)) - loss
     return np.asarray(sum(fabrics.values())), fabrics
 
 

@@ -24,23 +24,33 @@ class NoiseModel:
         slide_m: shift of folds along the cloth's plane (common); times the slope it is a height.
         share: relative error of heights (common).
         repeat_share: share of the two that differs between repeats.
-        contact_m: height at which contact keeps the cloth off the panel, uncertainty.
+        contact_m: height at which contact keeps the cloth off the panel, uncertainty; all cloth stands off by it.
+        touching_m, touch_m: the same for cloth that lies on the panel, fading over this height.
+        pin_m: how far each magnet is from its stated place, along x and y; another draw in every repeat.
+        held_m: how far the place at which a magnet holds the cloth differs from the simulated one (common).
+        mesh_share: share of the change to a mesh of twice the cell that is the fine mesh's own error, uncertainty.
         hanging_factor: all of this is so much larger in ``hanging``.
-        length: correlation length of the smooth parts, in sample sizes.
+        length, short_length: correlation lengths of these errors, half of their variance each, in sample sizes.
         plane_m: offset and change across the panel's picture: what a stated pose and sensor are good for.
         wide_sigma: relative uncertainty of a fabric whose stated parameters are simply wrong.
         pixel_sigma: of each pixel statistic with a stated sensor.
     """
 
     floor_m: float = 0.00005
-    common_m: float = 0.0002
+    common_m: float = 0.0004
     repeat_m: float = 0.0001
-    slide_m: float = 0.0015
+    slide_m: float = 0.001
     share: float = 0.05
     repeat_share: float = 0.3
-    contact_m: float = 0.0007
+    contact_m: float = 0.0005
+    touching_m: float = 0.0005
+    touch_m: float = 0.004
+    pin_m: float = 0.0005
+    held_m: float = 0.0003
+    mesh_share: float = 0.25
     hanging_factor: float = 3.0
-    length: float = 0.12
+    length: float = 0.15
+    short_length: float = 0.04
     plane_m: float = 0.0002
     wide_sigma: float = 0.6
     pixel_sigma: tuple[float, ...] = (0.02, 0.02, 0.1, 0.001, 0.03, 0.03)
@@ -55,7 +65,9 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
         model: the rest.
     """
     sizes = [c.reference.count + 3 for c in captures]
-    jacobian = stacked_jacobian(captures, sigma)
+    held = np.concatenate([c.responses.pins for c in captures], axis=1) * model.held_m
+    mesh = np.concatenate([c.responses.mesh for c in captures]) * model.mesh_share
+    jacobian = np.vstack([stacked_jacobian(captures, sigma), held, mesh[None]])
     total = jacobian.T @ jacobian
     starts = np.concatenate([[0], np.cumsum(sizes)])
     for a, first in enumerate(captures):
@@ -63,6 +75,8 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
             block = _smooth(first, second, model, same=a == b)
             total[starts[a] : starts[a] + len(block), starts[b] : starts[b] + block.shape[1]] += block
         own = slice(starts[a], starts[a + 1])
+        pins = first.responses.pins * model.pin_m
+        total[own, own] += pins.T @ pins
         pixel = np.exp(2 * np.nan_to_num(first.measured.pixels[0], nan=-6.9))
         variance = model.floor_m**2 + pixel / np.maximum(first.measured.weight, 1)
         diagonal = np.concatenate([variance, np.full(3, model.plane_m**2)])
@@ -72,19 +86,21 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
 
 def stacked_jacobian(captures: Sequence[CaptureResult], sigma: Sequence[float]) -> Array:
     """Change of the stacked vectors for one standard deviation of each parameter [m], [7, n]."""
-    return np.asarray(np.concatenate([c.jacobian for c in captures], axis=1) * np.asarray(sigma)[:, None])
+    return np.asarray(np.concatenate([c.responses.parameters for c in captures], axis=1) * np.asarray(sigma)[:, None])
 
 
 def _smooth(first: CaptureResult, second: CaptureResult, model: NoiseModel, *, same: bool) -> Array:
     """Smooth model error between the cells of two captures."""
     a, b = first.reference, second.reference
     distance = np.linalg.norm(a.centre[:, None] - b.centre[None], axis=2)
-    kernel = np.exp(-0.5 * (distance / model.length) ** 2)
+    kernel = 0.5 * np.exp(-0.5 * (distance / model.length) ** 2)
+    kernel += 0.5 * np.exp(-0.5 * (distance / model.short_length) ** 2)
     scale = model.hanging_factor if first.scene == "hanging" else 1.0
     repeat = (model.repeat_share**2 + 1.0) if same else 1.0
     flat = model.common_m**2 + (model.repeat_m**2 if same else 0.0)
     slide = model.slide_m**2 * np.outer(a.slope, b.slope) * repeat
     height = model.share**2 * np.outer(np.abs(a.height), np.abs(b.height)) * repeat
     cloth_a, cloth_b = a.slope > 0, b.slope > 0
-    contact = model.contact_m**2 * np.outer(cloth_a, cloth_b)
+    near_a, near_b = (cloth * np.exp(-np.abs(r.height) / model.touch_m) for cloth, r in ((cloth_a, a), (cloth_b, b)))
+    contact = model.contact_m**2 * np.outer(cloth_a, cloth_b) + model.touching_m**2 * np.outer(near_a, near_b)
     return np.asarray(scale**2 * kernel * (flat + slide + height) + contact)

@@ -7,27 +7,19 @@ from numpy.typing import NDArray
 
 from diagnosis.block import Block, PixelBlock
 from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
-from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.report import Shrinkage
-from diagnosis.sizes import interpolation, vector_step
+from diagnosis.subtract import response_to
 
 
-def response_of(block: Block, evidence: Evidence) -> NDArray[np.float64]:
-    """Whitened response of a block to an effect at its fitted size, [n]."""
-    if evidence.name in NOT_EFFECTS or get_effect(evidence.name).random_repeats:
-        return np.zeros(len(block.stated.measured))
-    effect = get_effect(evidence.name)
-    rows = block.stated.responses[evidence.name]
-    if effect.vector:
-        weights = np.array([evidence.size[name] for name in effect.components]) / vector_step(effect)
-    else:
-        weights = interpolation(effect, np.array([evidence.size[SCALAR]]))[0]
-        place = next(n for n, p in enumerate(effect.places) if all(evidence.size[k] == v for k, v in p.items()))
-        rows = rows[place * len(weights) : (place + 1) * len(weights)]
-    return np.asarray(weights @ rows)
+def response_of(block: Block, cause: Cause) -> NDArray[np.float64]:
+    """Whitened response of a block to the named effects at their fitted sizes, [n]."""
+    total = np.zeros(len(block.stated.measured))
+    for name in cause.named:
+        if not get_effect(name).random_repeats:
+            total = total + response_to(block.stated.responses, name, cause.size(name))
+    return total
 
 
 def refitted_residual(block: Block, response: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -61,10 +53,9 @@ def measure_shrinkage(
     before, after, floor = [], [], []
     held_out: list[str] = []
     for held, other in (halves, halves[::-1]):
-        found = name_cause(effects, [b for b in blocks if b.fabric in other], pixels, model)
-        best = found.evidence[found.top]
+        found = name_cause(effects, [b for b in blocks if b.fabric in other], pixels, model, pairs=len(cause.named) > 1)
         for block in (b for b in blocks if b.fabric in held):
-            response = response_of(block, best)
+            response = response_of(block, found)
             left, variance = refitted_residual(block, np.zeros_like(response))
             right, _ = refitted_residual(block, response)
             for number, capture in enumerate(block.captures):

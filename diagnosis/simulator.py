@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -126,6 +127,14 @@ class Simulator:
         """Positions that are no equilibrium, to start from, [vertex_count, 3]; ``origin``: key of their source."""
         drape = Drape(mesh, vertices, DrapeStatus.NOT_STILL, float("inf"), 0.0, False, 0, 0.0, "given shape")
         return KeyedDrape(drape, content_key(vertices=vertices) if origin is None else content_key(coarser=origin))
+
+    def kept(self, key: str, make: Callable[[], dict[str, NDArray[np.float64]]]) -> dict[str, NDArray[np.float64]]:
+        """Arrays of the cache, or made now and kept."""
+        arrays = self.cache.get_arrays(key)
+        if arrays is None:
+            arrays = make()
+            self.cache.put_arrays(key, arrays)
+        return arrays
 
     def _cached(self, key: str, mesh: GridMesh) -> KeyedDrape | None:
         drape = self.cache.get(key, mesh)

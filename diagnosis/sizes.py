@@ -35,6 +35,26 @@ def nodes(effect: Effect) -> list[dict[str, float]]:
     return [{SCALAR: value} | dict(place) for place in effect.places for value in node_values(effect)]
 
 
+def shortcuts(effect: Effect) -> dict[int, tuple[int, float]]:
+    """Nodes whose response is that of another one times a factor, good enough where folds make responses uncertain.
+
+    Large sizes are twice the half ones; of an effect that vanishes as its size grows, only the smallest is simulated.
+    """
+    if effect.vector or effect.random_repeats:
+        return {}
+    values = node_values(effect)
+    plan: dict[int, tuple[int, float]] = {}
+    for place in range(len(effect.places)):
+        first = place * len(values)
+        for number, value in enumerate(values):
+            if not effect.vanishes_at_zero and number:
+                plan[first + number] = (first, (values[0] / value) ** 2)
+            elif effect.vanishes_at_zero and abs(value) > 0.75 * max(np.abs(values)):
+                half = min(range(len(values)), key=lambda k: abs(values[k] - 0.5 * value))
+                plan[first + number] = (first + half, 2.0)
+    return plan
+
+
 def vector_step(effect: Effect) -> float:
     """Length at which each component of a vector is simulated."""
     first = next(iter(effect.components.values()))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,17 +52,13 @@ class StateLibrary:
                 found.append(KeyedDrape(drape, key))
         return found
 
-    def canonical(self, state: KeyedDrape, known: Sequence[KeyedDrape]) -> KeyedDrape:
-        """The known state that this one is, or this one, added."""
-        for other in known:
-            if vertex_rms(state.drape, other.drape) < SAME_STATE_M:
-                return other
+    def add(self, state: KeyedDrape) -> None:
+        """Keep a state that a capture showed."""
         keys = self._keys()
         if self.cache.folder is not None and state.key not in keys and len(keys) < MOST_STATES:
             path = self.cache.folder / "states" / f"{self.name}.json"
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, json.dumps([*keys, state.key]).encode())
-        return state
 
     def _keys(self) -> list[str]:
         if self.cache.folder is None:

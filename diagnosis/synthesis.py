@@ -11,6 +11,7 @@ import numpy as np
 
 from capture.capture_set import CaptureSet, new_document
 from diagnosis.base_state import picture_of
+from diagnosis.drape_cache import DrapeCache, drape_key
 from diagnosis.effect import Effect, Size
 from diagnosis.scene import SimulationScene, pose_rows
 from renderer.camera import Camera, frontal_pose
@@ -28,6 +29,7 @@ from simcore.solver import Solver
 SET_CAMERA = Camera(640, 480, 475.0, 475.0, 319.5, 239.5)
 SET_SENSOR = SensorModel(range_noise_m=0.001, at_m=0.9, quantisation_m=0.0002)
 ATTEMPTS = 4
+NO_CACHE = DrapeCache(None)
 DIAGNOSABLE = {
     "stretch_warp": (50.0, 2000.0),
     "stretch_weft": (50.0, 2000.0),
@@ -90,8 +92,9 @@ def make_capture_set(
     plan: SynthesisPlan,
     effects: Sequence[tuple[Effect, Size]] = (),
     *,
-    fabrics: Sequence[FabricParameters] | None = None,
+    fabrics: Mapping[int, FabricParameters] | None = None,
     name: str = "synthetic",
+    cache: DrapeCache = NO_CACHE,
 ) -> CaptureSet:
     """Simulate a capture set and write it.
 
@@ -99,42 +102,51 @@ def make_capture_set(
         folder: where to; made if absent.
         plan: what it holds.
         effects: switched on in all captures, each with its size.
-        fabrics: stated fabrics; drawn from the prior by default. What is simulated is off by the plan's errors.
+        fabrics: stated fabrics by number (which goes into their seeds); drawn from the prior by default. What is
+            simulated is off by the plan's errors.
         name: of the set.
+        cache: drapes that other sets of the same seed may share.
 
     Raises:
         SimulationError: a drape does not come to rest in several attempts.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    stated = list(fabrics) if fabrics is not None else draw_fabrics(plan.fabrics, plan.seed)
-    solver = Solver(GridMesh(plan.resolution_m))
+    stated = dict(fabrics) if fabrics is not None else dict(enumerate(draw_fabrics(plan.fabrics, plan.seed)))
+    shelf = _Shelf(Solver(GridMesh(plan.resolution_m)), plan.jitter, cache)
     entries: list[dict[str, Any]] = []
-    for number, fabric in enumerate(stated):
+    for place, (number, fabric) in enumerate(stated.items()):
         rng = np.random.default_rng([plan.seed, number, 1])
         real = misstate(fabric, plan.parameters_cv, plan.density_cv, rng)
-        if plan.wrong is not None and number == 0:
+        if plan.wrong is not None and place == 0:
             real = FabricParameters.from_mapping(
                 {**real.as_dict(), plan.wrong[0]: getattr(real, plan.wrong[0]) * plan.wrong[1]}
             )
         for scene_number, scene_name in enumerate(plan.scenes):
             for repeat in range(plan.repeats):
-                capture_id = f"f{number + 1}-{scene_name}-{repeat}"
+                capture_id = f"f{place + 1}-{scene_name}-{repeat}"
                 words = (plan.seed, number, scene_number, repeat)
-                scene = build_scene(scene_name, plan, effects)
-                drape = _drape(solver, real, scene, plan.jitter, np.random.SeedSequence(words))
-                noise = np.random.default_rng(np.random.SeedSequence((*words, 7)))
+                scene = build_scene(scene_name, plan, [(e, _of_repeat(e, size, words)) for e, size in effects])
+                drape = shelf.drape(real, scene, words)
+                noise = np.random.default_rng(np.random.SeedSequence((*words, 7, len(name), *name.encode())))
                 depth = scene.sensor.apply(picture_of(drape, scene), noise, camera=scene.camera)
                 write_depth_png(folder / f"{capture_id}.png", depth, SET_CAMERA.depth_unit_m)
                 entries.append(
                     {
                         "id": capture_id,
-                        "fabric": f"f{number + 1}",
+                        "fabric": f"f{place + 1}",
                         "scene": scene_name,
                         "repeat": repeat,
                         "depth": f"{capture_id}.png",
                     }
                 )
-    return _write(folder, plan, stated, entries, name)
+    return _write(folder, plan, list(stated.values()), entries, name)
+
+
+def _of_repeat(effect: Effect, size: Size, words: tuple[int, ...]) -> Size:
+    """An effect that differs from repeat to repeat gets a seed of the repeat's own."""
+    if not effect.random_repeats:
+        return size
+    return {**size, "seed": float(np.random.default_rng([*words, 11]).integers(1000, 1_000_000))}
 
 
 def build_scene(scene_name: str, plan: SynthesisPlan, effects: Sequence[tuple[Effect, Size]] = ()) -> SimulationScene:
@@ -146,21 +158,44 @@ def build_scene(scene_name: str, plan: SynthesisPlan, effects: Sequence[tuple[Ef
     return scene
 
 
-def _drape(
-    solver: Solver, fabric: FabricParameters, scene: SimulationScene, jitter: Jitter, seed: np.random.SeedSequence
-) -> Drape:
-    for attempt in seed.spawn(ATTEMPTS):
-        drape = solver.solve(fabric, scene.setup, seed=attempt, jitter=jitter, mechanics=scene.mechanics)
-        if drape.ok:
-            return drape
-    raise SimulationError(
-        f"a synthetic capture did not come to rest in {ATTEMPTS} attempts ({drape.reason}): choose other fabrics",
-        code="capture_not_still",
-    )
+@dataclass(frozen=True)
+class _Shelf:
+    """Drapes solved once."""
+
+    solver: Solver
+    jitter: Jitter
+    cache: DrapeCache
+
+    def drape(self, fabric: FabricParameters, scene: SimulationScene, words: tuple[int, ...]) -> Drape:
+        """The first attempt that comes to rest.
+
+        Raises:
+            SimulationError: none does.
+        """
+        mesh = self.solver.mesh
+        key = drape_key(mesh, fabric, scene.setup, scene.mechanics, jitter=self.jitter, start=f"capture {words}")
+        kept = self.cache.get(key, mesh)
+        if kept is not None:
+            return kept
+        for attempt in np.random.SeedSequence(words).spawn(ATTEMPTS):
+            drape = self.solver.solve(
+                fabric, scene.setup, seed=attempt, jitter=self.jitter, mechanics=scene.mechanics, time_limit_s=60.0
+            )
+            if drape.ok:
+                self.cache.put(key, drape)
+                return drape
+        raise SimulationError(
+            f"a synthetic capture did not come to rest in {ATTEMPTS} attempts ({drape.reason}): choose other fabrics",
+            code="capture_not_still",
+        )
 
 
 def _write(
-    folder: Path, plan: SynthesisPlan, stated: Sequence[FabricParameters], entries: list[dict[str, Any]], name: str
+    folder: Path,
+    plan: SynthesisPlan,
+    stated: Sequence[FabricParameters],
+    entries: list[dict[str, Any]],
+    name: str,
 ) -> CaptureSet:
     fabrics: list[dict[str, Any]] = [
         {

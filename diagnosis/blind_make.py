@@ -1,0 +1,181 @@
+"""Capture sets whose cause is sealed: the label lies in a file of its own, its hash in the set."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture.capture_set import CAPTURES_FILE
+from diagnosis.drape_cache import DrapeCache
+from diagnosis.effect import SCALAR, Effect, Size
+from diagnosis.effects import catalogue, get_effect
+from diagnosis.synthesis import DIAGNOSABLE, SynthesisPlan, make_capture_set
+from renderer.atomic import write_atomically
+from simcore.errors import InputError
+from simcore.mechanics import Jitter
+from simcore.parameters import ESTIMATED_NAMES, FabricParameters
+from simcore.prior import FabricPrior
+
+BLIND_FORMAT = "drape-blind-check/1"
+MANIFEST_FILE = "blind.json"
+LABELS_FOLDER = "labels"
+KINDS = ("named", "none", "wrong_parameter", "two", "withheld")
+INVISIBLE = ("panel_friction",)
+"""Effects that two scenes do not show (see ``docs/diagnosis.md``): not drawn."""
+SHARED_BY = 8
+"""So many cases in a row share the drapes that have no effect on the cloth."""
+
+
+@dataclass(frozen=True)
+class BlindPlan:
+    """What a blind check holds.
+
+    Attributes:
+        cases: number of capture sets.
+        seed: of everything.
+        fabrics, repeats: a set's fabrics, and its captures a fabric and scene.
+        pool: number of different fabrics; sets share them, so that their simulations can be shared too.
+        resolution_m: of the mesh; another one than the diagnosis uses.
+        withhold: effects that the data has and the diagnosis's catalogue lacks.
+    """
+
+    cases: int
+    seed: int
+    fabrics: int = 4
+    repeats: int = 2
+    pool: int = 5
+    resolution_m: float = 0.0125
+    withhold: tuple[str, ...] = ()
+
+    def check(self) -> None:
+        """Refuse plans that cannot be.
+
+        Raises:
+            InputError: a number out of range, or an unknown effect.
+        """
+        for name in self.withhold:
+            get_effect(name)
+        if self.cases < 1 or self.fabrics < 1 or self.repeats < 1 or self.pool < self.fabrics or self.seed < 0:
+            raise InputError(
+                "a blind check needs at least one case, one fabric, one repeat, a pool no smaller than a set's "
+                "fabrics, and a seed of 0 or more",
+                code="blind_plan",
+            )
+
+
+@dataclass(frozen=True)
+class Label:
+    """What is in a case.
+
+    Attributes:
+        kind: one of :data:`KINDS`.
+        effects: switched on, with sizes.
+        wrong: a parameter of the first fabric that is stated wrongly, and the factor by which the cloth's is larger.
+    """
+
+    kind: str
+    effects: tuple[tuple[Effect, Size], ...] = ()
+    wrong: tuple[str, float] | None = None
+
+    def as_json(self, nonce: str) -> dict[str, Any]:
+        """The sealed document; the nonce keeps its hash from being guessed."""
+        return {
+            "kind": self.kind,
+            "effects": [
+                {"name": e.name, "stage": e.stage.value, "magnitude": _plain(e, size), "unit": e.unit}
+                for e, size in self.effects
+            ],
+            "wrong_parameter": None if self.wrong is None else {"name": self.wrong[0], "factor": self.wrong[1]},
+            "nonce": nonce,
+        }
+
+
+def draw_label(number: int, plan: BlindPlan) -> Label:
+    """Of one case; the effects take turns, so that all come up."""
+    rng = np.random.default_rng([plan.seed, number, 77])
+    visible = [e for name, e in sorted(catalogue().items()) if name not in (*plan.withhold, *INVISIBLE)]
+    shares = [0.58, 0.16, 0.08, 0.10, 0.08 if plan.withhold else 0.0]
+    kind = KINDS[int(rng.choice(len(KINDS), p=np.array(shares) / sum(shares)))]
+    if kind == "named":
+        order = np.random.default_rng([plan.seed, 78]).permutation(len(visible))
+        effect = visible[int(order[number % len(visible)])]
+        return Label(kind, ((effect, effect.draw(rng)),))
+    if kind == "two":
+        first, second = rng.choice(len(visible), size=2, replace=False)
+        return Label(kind, tuple((visible[k], visible[k].draw(rng)) for k in (int(first), int(second))))
+    if kind == "withheld":
+        effect = get_effect(plan.withhold[int(rng.integers(len(plan.withhold)))])
+        return Label(kind, ((effect, effect.draw(rng)),))
+    if kind == "wrong_parameter":
+        factor = float(np.exp(rng.uniform(np.log(1.8), np.log(3.0)))) ** (1 if rng.random() < 0.5 else -1)
+        return Label(kind, wrong=(ESTIMATED_NAMES[int(rng.integers(len(ESTIMATED_NAMES)))], factor))
+    return Label("none")
+
+
+def make_blind_check(
+    out: Path, plan: BlindPlan, *, cache: DrapeCache | None = None, on_case: Callable[[float], None] | None = None
+) -> None:
+    """Write the capture sets ``case-001`` ..., their sealed labels and the manifest; goes on where it was stopped.
+
+    Raises:
+        InputError: the plan cannot be, or ``out`` holds a check of another plan.
+        SimulationError: a set cannot be simulated.
+    """
+    plan.check()
+    manifest = _manifest(plan)
+    path = out / MANIFEST_FILE
+    if path.exists() and json.loads(path.read_text(encoding="utf-8")) != manifest:
+        raise InputError(f"{out} holds a blind check of another plan: give another folder", code="blind_other_plan")
+    (out / LABELS_FOLDER).mkdir(parents=True, exist_ok=True)
+    write_atomically(path, (json.dumps(manifest, indent=1) + "\n").encode())
+    fabrics = FabricPrior.default(DIAGNOSABLE).sample(range(plan.pool), plan.seed)
+    shelf = cache or DrapeCache(out / "drapes")
+    for number in range(plan.cases):
+        name = case_name(number)
+        if not (out / name / CAPTURES_FILE).exists():
+            _make_case(out, name, number, plan, fabrics, shelf)
+        if on_case is not None:
+            on_case(1.0)
+
+
+def case_name(number: int) -> str:
+    """Folder of a case, numbered from 0."""
+    return f"case-{number + 1:03d}"
+
+
+def _make_case(
+    out: Path, name: str, number: int, plan: BlindPlan, fabrics: Sequence[FabricParameters], cache: DrapeCache
+) -> None:
+    label = draw_label(number, plan)
+    nonce = np.random.default_rng([plan.seed, number, 79]).bytes(16).hex()
+    sealed = (json.dumps(label.as_json(nonce), indent=1) + "\n").encode()
+    group = number // SHARED_BY
+    chosen = np.random.default_rng([plan.seed, group, 80]).permutation(plan.pool)[: plan.fabrics]
+    stated: Mapping[int, FabricParameters] = {int(k): fabrics[int(k)] for k in chosen}
+    synthesis = SynthesisPlan(
+        fabrics=plan.fabrics,
+        repeats=plan.repeats,
+        resolution_m=plan.resolution_m,
+        jitter=Jitter(1.0, 0.0004, 0.03),
+        seed=1000 * plan.seed + group,
+        wrong=label.wrong,
+    )
+    write_atomically(out / LABELS_FOLDER / f"{name}.json", sealed)
+    made = make_capture_set(out / name, synthesis, label.effects, fabrics=stated, name=name, cache=cache)
+    document = {**made.document.as_json(), "label_sha256": hashlib.sha256(sealed).hexdigest()}
+    write_atomically(out / name / CAPTURES_FILE, (json.dumps(document, indent=1) + "\n").encode())
+
+
+def _manifest(plan: BlindPlan) -> dict[str, Any]:
+    values = {name: getattr(plan, name) for name in ("cases", "seed", "fabrics", "repeats", "pool", "resolution_m")}
+    return {"format": BLIND_FORMAT, **values, "withhold": list(plan.withhold)}
+
+
+def _plain(effect: Effect, size: Size) -> float | dict[str, float]:
+    return float(size[SCALAR]) if SCALAR in size else {name: float(size[name]) for name in effect.components}

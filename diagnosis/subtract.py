@@ -1,0 +1,53 @@
+"""Measurements with an effect's response taken away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.block import Block, PixelBlock
+from diagnosis.effect import SCALAR
+from diagnosis.effects import get_effect
+from diagnosis.sizes import interpolation, vector_step
+
+Array = NDArray[np.float64]
+
+
+def response_to(responses: Mapping[str, Array], name: str, size: Mapping[str, float]) -> Array:
+    """Response to an effect of one size, [n]; nothing for an effect that only scatters repeats.
+
+    Args:
+        responses: effect to its response at each of its nodes, [nodes, n].
+        name: of the effect.
+        size: its components and its place.
+    """
+    effect = get_effect(name)
+    if effect.random_repeats:
+        return np.zeros(next(iter(responses.values())).shape[1])
+    rows = responses[name]
+    if effect.vector:
+        return np.asarray(np.array([size[c] for c in effect.components]) / vector_step(effect) @ rows)
+    weights = interpolation(effect, np.array([size[SCALAR]]))[0]
+    place = next(n for n, p in enumerate(effect.places) if all(size[key] == value for key, value in p.items()))
+    return np.asarray(weights @ rows[place * len(weights) : (place + 1) * len(weights)])
+
+
+def without(block: Block, name: str, size: Mapping[str, float]) -> Block:
+    """A block as if the effect had been simulated too."""
+    stated, wide = (
+        replace(view, measured=view.measured - response_to(view.responses, name, size))
+        if not get_effect(name).random_repeats
+        else view
+        for view in block.views
+    )
+    return replace(block, stated=stated, wide=wide)
+
+
+def pixels_without(pixels: PixelBlock, name: str, size: Mapping[str, float]) -> PixelBlock:
+    """The same of pixel statistics."""
+    if get_effect(name).random_repeats:
+        return pixels
+    return replace(pixels, measured=pixels.measured - response_to(pixels.responses, name, size))

@@ -1,0 +1,100 @@
+"""`drapemeter blind`: check the diagnosis on capture sets whose cause is sealed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import typer
+
+from services.cli import console
+from simcore.errors import InputError
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command's group."""
+    blind = typer.Typer(
+        no_args_is_help=True,
+        help="Check the diagnosis on capture sets whose cause is sealed.\n\n\b\nExample:\n"
+        "  drapemeter blind make 20 check/ --seed 7 && drapemeter blind score check/ --page check.md",
+    )
+    blind.command("make")(make)
+    blind.command("score")(score)
+    app.add_typer(blind, name="blind")
+
+
+def make(
+    cases: int = typer.Argument(..., help="Number of capture sets."),
+    out: Path = typer.Argument(..., help="Folder for sets, labels and manifest; a stopped run goes on."),
+    seed: int = typer.Option(0, "--seed", help="Of everything; use one that no tuning has seen."),
+    fabrics: int = typer.Option(4, "--fabrics", help="Fabrics in a set."),
+    repeats: int = typer.Option(2, "--repeats", help="Captures a fabric and scene."),
+    pool: int = typer.Option(5, "--pool", help="Different fabrics in the whole check; sets share their simulations."),
+    resolution: float = typer.Option(0.0125, "--resolution", help="Edge of a mesh cell [m]; not the diagnosis's."),
+    withhold: list[str] = typer.Option([], "--withhold", help="Effect that the data has and the diagnosis lacks."),
+    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+) -> None:
+    """Write sealed capture sets: labels in files of their own, their hashes in the sets.
+
+    \b
+    Example:
+      drapemeter blind make 20 check/ --seed 7 --withhold hem_weight
+    """
+    from diagnosis.blind_make import BlindPlan, make_blind_check
+
+    plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, tuple(withhold))
+    plan.check()
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file: give a folder", code="output_is_file")
+    with console.progress("simulating", total=cases) as bar:
+        make_blind_check(out, plan, on_case=bar.advance)
+    if json_output:
+        console.emit_json({"cases": cases, "out": str(out), "seed": seed, "withhold": list(withhold)})
+        return
+    console.say(f"{cases} sealed capture sets in {out}")
+
+
+def score(
+    out: Path = typer.Argument(..., help="Folder that `blind make` wrote."),
+    page: Path | None = typer.Option(None, "--page", help="Also write the result as a Markdown page."),
+    workers: int = typer.Option(1, "--workers", help="Processes; each takes a fabric at a time."),
+    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+) -> None:
+    """Diagnose all sealed sets without their labels, then open the labels and count.
+
+    Reports are kept beside the sets, so a stopped run goes on; simulations are kept in the cache folder.
+
+    \b
+    Example:
+      drapemeter blind score check/ --page check.md
+    """
+    from diagnosis.blind_page import render_page
+    from diagnosis.blind_score import answer_cases, read_manifest
+    from diagnosis.blind_score import score as count
+    from diagnosis.drape_cache import DrapeCache
+    from renderer.atomic import write_atomically
+
+    manifest = read_manifest(out)
+    with console.progress("diagnosing", total=manifest["cases"]) as bar:
+        answers = answer_cases(out, cache=DrapeCache.default(), workers=workers, on_case=bar.advance)
+    result = count(answers)
+    if page is not None:
+        page.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(page, render_page(manifest, answers, result).encode())
+    if json_output:
+        values = {key: _plain(value) for key, value in asdict(result).items()}
+        console.emit_json({**values, "cases": len(answers)})
+        return
+    console.say(f"named right {result.top1}; stage {result.stage}; alarms without cause {result.false_alarms}")
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, dict) and set(value) == {"hits", "of"}:
+        return {**value, "share": value["hits"] / value["of"] if value["of"] else None}
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, float) and value != value:
+        return None
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return value
