@@ -76,7 +76,7 @@ def embedding_figure(
     places = spread(points, (_BOX[0] * 2 * reach, _BOX[1] * 2 * reach))
     for point, place, label, shown in zip(points, places, labels, pictures, strict=True):
         axes.plot([point[0], place[0]], [point[1], place[1]], color="0.6", lw=0.6, zorder=1)
-        axes.plot(*point, "o", ms=4, color="tab:blue", zorder=2)
+        axes.plot(*point, "o", ms=4, color="tab:blue", zorder=11)
         if shown is not None:
             zoom = 72.0 * 8.0 * _BOX[0] / shown.shape[1]
             image = OffsetImage(shown, zoom=zoom, cmap="gray", norm=_grey_norm())
