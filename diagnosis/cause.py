@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from diagnosis.block import Block, PixelBlock
+from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing, tabulate_unknown
 from diagnosis.likelihood import LikelihoodModel
@@ -26,18 +27,27 @@ class CausePrior:
     Attributes:
         none, unknown, two: of no effect, of something else, of two effects.
         scatter: how much less probable than another an effect is that can explain any scatter.
+        unseen: the same of effects on pixels where the sensor is not stated.
     """
 
     none: float = 0.3
     unknown: float = 0.05
     two: float = 0.05
     scatter: float = 0.2
+    unseen: float = 0.1
 
-    def shares(self, effects: Sequence[str]) -> dict[str, float]:
+    def shares(self, effects: Sequence[str], *, pixels_seen: bool = True) -> dict[str, float]:
         """Of each single explanation."""
         weight = {name: self.scatter if get_effect(name).random_repeats else 1.0 for name in effects}
+        if not pixels_seen:
+            weight = {n: w * self.unseen if _on_pixels(n) else w for n, w in weight.items()}
         rest = (1.0 - self.none - self.unknown - self.two) / sum(weight.values())
         return {"none": self.none, "unknown": self.unknown} | {name: rest * w for name, w in weight.items()}
+
+
+def _on_pixels(name: str) -> bool:
+    """The effect changes pixels rather than the measured surface."""
+    return get_effect(name).stage is Stage.SENSOR and name not in ("depth_scale", "depth_bias")
 
 
 @dataclass(frozen=True)
@@ -121,12 +131,13 @@ def name_cause(
         best = [max(top, *(float(table.blocks[n].max()) for _, _, table in both)) for n, top in enumerate(best)]
         evidence = {table.name: table.weigh(blocks, best, model) for table in tables}
     found = [Pair(first, table.name, sizes, table.weigh(blocks, best, model)) for first, sizes, table in both]
-    return _weigh(effects, evidence, found, prior)
+    return _weigh(prior.shares(effects, pixels_seen=len(pixels.measured) > 0), evidence, found, prior)
 
 
-def _weigh(effects: Sequence[str], evidence: Mapping[str, Evidence], pairs: list[Pair], prior: CausePrior) -> Cause:
-    count = max(len(effects), 1)
-    before = prior.shares(effects)
+def _weigh(
+    before: Mapping[str, float], evidence: Mapping[str, Evidence], pairs: list[Pair], prior: CausePrior
+) -> Cause:
+    count = max(len(before) - len(NOT_EFFECTS), 1)
     weight = {name: e.log_evidence + np.log(before[name]) for name, e in evidence.items()}
     two = [p.evidence.log_evidence + np.log(2 * prior.two / (count * max(count - 1, 1))) for p in pairs]
     total = float(logsumexp([*weight.values(), *two]))

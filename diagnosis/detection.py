@@ -10,6 +10,7 @@ from diagnosis.block import Block, PixelBlock
 from diagnosis.cause import Cause
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.report import Gap
+from diagnosis.shrinkage import repeat_squares
 
 ALARM = 0.05
 TESTS = 3
@@ -36,12 +37,15 @@ def detect(blocks: list[Block], pixels: PixelBlock, cause: Cause, model: Likelih
     p_factor = float(np.exp(min(0.0, -cause.factor)))
     p = min(1.0, TESTS * min(p_shape, p_pixel, p_factor))
     metres = np.concatenate([b.metres(b.stated.measured) for b in chosen])
-    floor = np.concatenate([np.diag(b.stated.factor @ b.stated.factor.T) for b in chosen])
+    repeats = [repeat_squares(b, b.metres(b.stated.measured)) for b in chosen]
+    known = [square for square in repeats if square is not None]
+    modelled = [float(np.mean(np.diag(b.stated.factor @ b.stated.factor.T))) for b in chosen]
+    floor = np.mean(known or modelled)
     return Gap(
         detected=p < ALARM,
         p_value=p,
         value=1e3 * float(np.sqrt(np.mean(metres**2))),
-        noise_floor=1e3 * float(np.sqrt(np.mean(floor))),
+        noise_floor=1e3 * float(np.sqrt(floor)),
         scene=scene,
         p_shape=p_shape,
         p_pixels=p_pixel,

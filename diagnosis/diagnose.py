@@ -7,13 +7,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from capture.capture_set import CaptureSet
-from diagnosis.block import Block, make_block, make_pixel_block
+from diagnosis.atlas import forecast
+from diagnosis.block import Block, PixelBlock, make_block, make_pixel_block
 from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
 from diagnosis.detection import detect
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR, Stage
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.fabric_task import FabricResult, FabricTask, explain_fabric
+from diagnosis.isolability import not_separable
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
 from diagnosis.preparation import prepare_tasks
@@ -30,6 +32,8 @@ GROUPS: tuple[frozenset[str], ...] = (
     frozenset({"air_draft", "panel_tilt"}),
 )
 """Effects that two scenes at one distance cannot tell apart."""
+CLOSE = 2.0
+"""An effect whose log evidence comes this near to the named one's is not told apart from it."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,7 @@ def diagnose(
     *,
     cache: DrapeCache | None = None,
     on_fabric: Progress | None = None,
+    on_forecast: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find the gap between captures and simulations and name its cause.
 
@@ -91,6 +96,7 @@ def diagnose(
         options: effects, mesh, workers.
         cache: of simulated drapes; the user's by default.
         on_fabric: called with 1 for every fabric that is done.
+        on_forecast: told beforehand what it will cost.
 
     Raises:
         InputError: captures that cannot be used.
@@ -99,7 +105,10 @@ def diagnose(
     began = time.monotonic()
     effects = options.chosen()
     tasks, assumed = prepare_tasks(captures, effects, options.resolution_m)
-    results = run_tasks(tasks, cache or DrapeCache.default(), options.workers, on_fabric)
+    kept = cache or DrapeCache.default()
+    if on_forecast is not None:
+        on_forecast(forecast(tasks, kept).sentence())
+    results = run_tasks(tasks, kept, options.workers, on_fabric)
     return conclude(results, effects, tuple(assumed), began)
 
 
@@ -165,7 +174,7 @@ def _conclude(
     report = GapReport(
         gap=gap,
         where=region_gaps(blocks, captures[0].reference.centre, _stage(cause), model.degrees, model.dimension_share),
-        cause=_cause_report(cause),
+        cause=_cause_report(cause, blocks, pixels, model),
         shrinkage=measure_shrinkage(cause, effects, blocks, pixels, model),
         parameters_refitted=True,
         cost=CostReport(
@@ -189,8 +198,14 @@ def _stage(cause: Cause) -> StageName:
     return max(stages, key=lambda stage: stages[stage]).value
 
 
-def _cause_report(cause: Cause) -> CauseReport:
-    near = {name for group in GROUPS for own in cause.named if own in group for name in group} - set(cause.named)
+def _cause_report(cause: Cause, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> CauseReport:
+    near: set[str] = set()
+    for name in cause.named:
+        near |= next((set(group) for group in GROUPS if name in group), set())
+        near |= {n for n, e in cause.evidence.items() if e.log_evidence > cause.evidence[name].log_evidence - CLOSE}
+        if not get_effect(name).random_repeats:
+            near |= set(not_separable(name, cause.size(name), blocks, pixels, model))
+    near -= {*cause.named, *NOT_EFFECTS}
     return CauseReport(
         probabilities=dict(cause.probabilities),
         top=cause.top,

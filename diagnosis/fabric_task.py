@@ -101,7 +101,7 @@ class FabricResult:
 
 
 @dataclass(frozen=True)
-class _State:
+class SeenState:
     """A base state as one camera sees it, with what its variations look like."""
 
     drape: KeyedDrape
@@ -121,7 +121,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
     for name in sorted({c.scene.setup.scene.value for c in task.captures}):
         found: dict[str, float] = {}
         keys: list[str] = []
-        states: list[_State] = []
+        states: list[SeenState] = []
         for capture in (c for c in task.captures if c.scene.setup.scene.value == name):
             drape, rms = find_state(simulator, task, capture, found)
             found[drape.key] = min(rms, found.get(drape.key, rms))
@@ -129,7 +129,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                 keys.append(drape.key)
             state = next((s for s in states if s.drape.key == drape.key and s.scene == capture.scene), None)
             if state is None:
-                state = _see(simulator, task, capture.scene, drape)
+                state = see_state(simulator, task, capture.scene, drape)
                 states.append(state)
             results.append(
                 CaptureResult(
@@ -171,11 +171,12 @@ def base_states(
     return [simulator.put_up(mesh, fabric, scene, seed, BASE_JITTER) for seed in seeds]
 
 
-def _see(simulator: Simulator, task: FabricTask, scene: SimulationScene, drape: KeyedDrape) -> _State:
+def see_state(simulator: Simulator, task: FabricTask, scene: SimulationScene, drape: KeyedDrape) -> SeenState:
+    """A state's picture and responses, simulated where they are not kept."""
     reference = make_reference(drape.drape, scene)
     picture = picture_of(drape.drape, scene)
     responses = borrowed_responses(simulator, task.parameters, scene, drape, task.effects, picture, reference)
-    return _State(drape, scene, reference, responses)
+    return SeenState(drape, scene, reference, responses)
 
 
 def relative_sigma(parameters_cv: float | None, density_cv: float | None, fallback: float) -> tuple[float, ...]:

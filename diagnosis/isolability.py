@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.block import Block, PixelBlock
+from capture.capture_set import CaptureSet
+from diagnosis.block import Block, PixelBlock, make_block, make_pixel_block
+from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR, Effect
 from diagnosis.effects import get_effect
 from diagnosis.likelihood import LikelihoodModel
+from diagnosis.noise import NoiseModel
 from diagnosis.sizes import grid, interpolation, vector_step
+from simcore.mesh import GridMesh
 
 Array = NDArray[np.float64]
 SEPARABLE_NATS = 3.0
@@ -27,12 +32,14 @@ class Separation:
         effect, other: the true one, and the one that tries to explain it.
         share: of the true effect's response (squared, in units of the errors) that the other leaves over; 0 = the same.
         nats: log likelihood by which the true one is expected to win.
+        own_nats: the same against no effect.
     """
 
     effect: str
     other: str
     share: float
     nats: float
+    own_nats: float
 
 
 @dataclass(frozen=True)
@@ -107,7 +114,7 @@ def separations(
         for other in names:
             if other != name and square > 0.0:
                 left = leftover(signature, target, get_effect(other))
-                found.append(Separation(name, other, left / square, 0.5 * left))
+                found.append(Separation(name, other, left / square, 0.5 * left, 0.5 * square))
     return found
 
 
@@ -117,3 +124,93 @@ def not_separable(
     """Effects that these captures cannot tell from one of this size."""
     found = separations({name: size}, blocks, pixels, model)
     return tuple(sorted(s.other for s in found if s.nats < SEPARABLE_NATS))
+
+
+@dataclass(frozen=True)
+class Isolability:
+    """What captures of some fabrics and scenes can tell apart; from simulations alone.
+
+    Attributes:
+        pairs: every effect, at a typical size, against every other one, the worst first.
+        scenes: the scenes that were analysed.
+    """
+
+    pairs: tuple[Separation, ...]
+    scenes: tuple[str, ...]
+
+    def confused(self) -> tuple[Separation, ...]:
+        """The pairs that cannot be told apart."""
+        return tuple(p for p in self.pairs if p.nats < SEPARABLE_NATS)
+
+    def invisible(self) -> tuple[str, ...]:
+        """Effects whose own response drowns in the errors."""
+        return tuple(sorted({p.effect for p in self.pairs if p.own_nats < SEPARABLE_NATS}))
+
+
+def analyse(
+    captures: CaptureSet,
+    effects: tuple[str, ...],
+    resolution_m: float,
+    cache: DrapeCache,
+    on_fabric: Callable[[float], None] | None = None,
+) -> Isolability:
+    """Before (or without) looking at what the captures show: fabrics, scenes, camera and sensor as the set states them.
+
+    Raises:
+        InputError: captures that cannot be used.
+        SimulationError: simulations that do not come to rest.
+    """
+    from diagnosis.base_state import picture_of
+    from diagnosis.fabric_task import CaptureTask, base_states, explain_fabric
+    from diagnosis.preparation import prepare_tasks
+    from diagnosis.simulator import Simulator
+
+    tasks, _ = prepare_tasks(captures, effects, resolution_m)
+    results = []
+    for task in tasks:
+        simulator = Simulator(cache)
+        shown: list[CaptureTask] = []
+        for capture in task.captures:
+            mesh = GridMesh(task.resolution_m, capture.scene.setup.sample_size_m)
+            base = base_states(simulator, task.parameters, capture.scene, mesh)[0]
+            rng = np.random.default_rng(len(shown))
+            picture = picture_of(base.drape, capture.scene)
+            shown.append(replace(capture, depth=capture.scene.sensor.apply(picture, rng, camera=capture.scene.camera)))
+        results.append(explain_fabric(replace(task, captures=tuple(shown)), cache))
+        if on_fabric is not None:
+            on_fabric(1.0)
+    noise = NoiseModel()
+    found = [c for r in results for c in r.captures]
+    blocks = [
+        make_block([c for c in r.captures if c.scene == scene], r.task.relative_sigma, noise)
+        for r in results
+        for scene in sorted({c.scene for c in r.captures})
+    ]
+    typical = {name: get_effect(name).typical() for name in effects if not get_effect(name).random_repeats}
+    pairs = separations(typical, blocks, make_pixel_block(found, noise), LikelihoodModel())
+    return Isolability(tuple(sorted(pairs, key=lambda p: p.nats)), tuple(sorted({b.scene for b in blocks})))
+
+
+REMEDIES: Mapping[frozenset[str], str] = MappingProxyType(
+    {
+        frozenset({"depth_scale", "depth_bias"}): "capture once more from another distance",
+        frozenset({"depth_scale", "camera_translation"}): "capture once more from another distance",
+        frozenset({"depth_bias", "camera_translation"}): "measure the camera's distance, or capture from another one",
+        frozenset({"depth_scale", "focal_scale"}): "capture once more from another distance",
+        frozenset({"air_draft", "panel_tilt"}): "add fabrics of other weight, or lay a level on the panel",
+        frozenset({"pin_drop", "camera_rotation"}): "show the camera the bare panel with a plumb line",
+    }
+)
+
+
+def remedy(pair: Separation) -> str:
+    """What would separate two effects."""
+    known = REMEDIES.get(frozenset({pair.effect, pair.other}))
+    if known is not None:
+        return known
+    stages = {get_effect(pair.effect).stage.value, get_effect(pair.other).stage.value}
+    if "setup" in stages:
+        return "capture once more with another pin distance"
+    if "fabric" in stages:
+        return "capture once more with the sample turned by a quarter"
+    return "add repeats and fabrics"

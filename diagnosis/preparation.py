@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from capture.capture_set import Capture, CaptureSet
 from capture.documents import FabricDocument, SensorDocument
-from capture.prepare import prepare_all
+from capture.normalise import NetworkInput
+from capture.prepare import PreparedCapture, prepare_all
 from diagnosis.fabric_task import CaptureTask, FabricTask, relative_sigma
 from diagnosis.scene import SimulationScene, pose_rows
 from renderer.sensor import SensorModel
 from simcore.errors import InputError
-from simcore.parameters import FabricParameters
-from simcore.prior import FabricPrior
+from simcore.parameters import ESTIMATED_NAMES, FabricParameters
+from simcore.scenes import Scene
+
+if TYPE_CHECKING:
+    from trainer.predict import Estimator
 
 UNKNOWN_SIGMA = 0.8
 """Relative uncertainty of parameters that nothing is known of (linear responses are not good for more)."""
 UNKNOWN_DENSITY_SIGMA = 0.5
+LEAST_ESTIMATED_SIGMA = 0.15
+"""An estimate from the very captures that are to be explained takes part of an effect for the fabric."""
 STATED_SIGMA = 0.07
 """Relative uncertainty of parameters that a set states without saying how well they are known."""
 TYPICAL_DENSITY_KG_M2 = 0.2
@@ -41,7 +50,7 @@ def prepare_tasks(
         own = captures.of_fabric(fabric_id)
         if not own:
             continue
-        parameters, sigma = _parameters(fabric, assumed)
+        parameters, sigma = _parameters(fabric, [prepared[c.id] for c in own], assumed)
         items = []
         for capture in own:
             ready = prepared[capture.id]
@@ -78,7 +87,9 @@ def _sensor_known(capture: Capture) -> bool:
     return capture.sensor is not None and capture.sensor.range_noise_m is not None
 
 
-def _parameters(fabric: FabricDocument, assumed: list[str]) -> tuple[FabricParameters, tuple[float, ...]]:
+def _parameters(
+    fabric: FabricDocument, prepared: Sequence[PreparedCapture], assumed: list[str]
+) -> tuple[FabricParameters, tuple[float, ...]]:
     density, density_cv = fabric.density, fabric.density_cv
     if density is None:
         assumed.append(f"fabric {fabric.id}: no density; taken as {TYPICAL_DENSITY_KG_M2} kg/m², give or take a half")
@@ -87,14 +98,32 @@ def _parameters(fabric: FabricDocument, assumed: list[str]) -> tuple[FabricParam
         given = fabric.parameters.model_dump()
         cv = STATED_SIGMA if fabric.parameters_cv is None else fabric.parameters_cv
         return FabricParameters.from_mapping({**given, "density": density}), relative_sigma(cv, density_cv, cv)
+    found = _estimator().estimate(_inputs(prepared), density)
+    spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]
+    if found.out_of_distribution:
+        spread = [max(value, UNKNOWN_SIGMA) for value in spread]
     assumed.append(
-        f"fabric {fabric.id}: no parameters; the middle of real fabrics of its weight, within a factor of two"
+        f"fabric {fabric.id}: no parameters; estimated from its captures ({found.model_version}"
+        + (", which are unlike what the estimator knows)" if found.out_of_distribution else ")")
     )
-    prior = FabricPrior.default()
-    mean, cov = np.asarray(prior.log_mean), np.asarray(prior.log_cov)
-    shift = cov[:6, 6] / cov[6, 6] * (np.log(density) - mean[6])
-    values = np.exp(np.append(mean[:6] + shift, np.log(density)))
-    return FabricParameters.from_array(values), relative_sigma(UNKNOWN_SIGMA, density_cv, UNKNOWN_SIGMA)
+    sigma = tuple(min(max(value, LEAST_ESTIMATED_SIGMA), UNKNOWN_SIGMA) for value in spread)
+    parameters = FabricParameters.from_mapping({**found.parameters, "density": density})
+    return parameters, (*sigma, 0.02 if density_cv is None else density_cv)
+
+
+@cache
+def _estimator() -> Estimator:
+    """The network that ships; loaded once."""
+    from trainer.predict import DEFAULT_MODEL, Estimator
+
+    return Estimator.load(DEFAULT_MODEL)
+
+
+def _inputs(prepared: Sequence[PreparedCapture]) -> dict[Scene | str, list[NetworkInput]]:
+    inputs: dict[Scene | str, list[NetworkInput]] = {}
+    for item in prepared:
+        inputs.setdefault(item.capture.scene, []).append(item.network_input)
+    return inputs
 
 
 def _resolution(capture: Capture, wanted_m: float) -> float:

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from services.cli import console
 from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    from capture.capture_set import CaptureSet
+    from diagnosis.diagnose import Diagnosis, DiagnosisOptions
+    from diagnosis.drape_cache import DrapeCache
+    from diagnosis.isolability import Isolability
 
 
 def register(app: typer.Typer) -> None:
@@ -23,44 +30,130 @@ def diagnose(
     without: str = typer.Option("", "--without", help="Leave these effects out, comma-separated."),
     resolution: float = typer.Option(0.01, "--resolution", help="Edge of a mesh cell [m]."),
     workers: int = typer.Option(1, "--workers", help="Processes; each takes a fabric at a time."),
+    isolability: bool = typer.Option(
+        False, "--isolability", help="Only say which effects such captures can tell apart (isolability.json)."
+    ),
+    apply: bool = typer.Option(
+        False, "--apply", help="Also write simulator.json: the effects found, to simulate with."
+    ),
+    atlas: Path | None = typer.Option(None, "--atlas", help="Folder of simulations; default: the user's cache."),
+    build_atlas: bool = typer.Option(False, "--build-atlas", help="Only simulate what does not depend on pictures."),
     json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
     """Compare captures with simulations of the same fabrics; name the effect that the simulation lacks.
 
     Writes report.json (format drape-gap-report/1) and report.html, one page with pictures. The simulations are kept in
-    the cache folder (DRAPEMETER_CACHE), so a second run is short.
+    the cache folder (DRAPEMETER_CACHE) or in an atlas, so a second run is short.
 
     \b
     Example:
       drapemeter diagnose my-captures --out report/ --workers 2
+      drapemeter diagnose my-captures --out report/ --isolability
     """
     from capture.capture_set import CaptureSet
+    from diagnosis.atlas import open_atlas
     from diagnosis.diagnose import DiagnosisOptions
-    from diagnosis.diagnose import diagnose as run
+    from diagnosis.drape_cache import DrapeCache
 
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder for the report", code="output_is_file")
+    if workers < 1:
+        raise InputError(f"{workers} workers: give 1 or more", code="workers")
     options = DiagnosisOptions(_names(effects), _names(without), resolution, workers)
     options.chosen()
     captures = CaptureSet.load(capture_set)
-    shown = {capture.fabric.id for capture in captures.captures}
-    with console.progress("simulating", total=len(shown)) as bar:
-        found = run(captures, options, on_fabric=bar.advance)
+    cache = DrapeCache.default() if atlas is None else open_atlas(atlas)
+    if build_atlas:
+        _build(captures, options, cache, json_output)
+    elif isolability:
+        _isolability(captures, options, cache, out, json_output)
+    else:
+        _diagnose(captures, options, cache, out, apply, json_output)
+
+
+def _diagnose(
+    captures: CaptureSet, options: DiagnosisOptions, cache: DrapeCache, out: Path, apply: bool, json_output: bool
+) -> None:
+    from diagnosis.diagnose import diagnose as run
+    from diagnosis.extension import SimulatorExtension
     from diagnosis.html import render_html, sentence
     from renderer.atomic import write_atomically
 
+    with console.progress("simulating", total=_shown(captures)) as bar:
+        found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
     out.mkdir(parents=True, exist_ok=True)
-    page = render_html(found, captures.document.name or capture_set.name)
+    page = render_html(found, captures.document.name or captures.folder.name)
     write_atomically(out / "report.html", page.encode())
     document = found.report.as_json()
     write_atomically(out / "report.json", (json.dumps(document, indent=1) + "\n").encode())
+    if apply:
+        SimulatorExtension.of(found.report).save(out / "simulator.json")
     if json_output:
         console.emit_json(document)
         return
     console.say(sentence(found))
+    _say_probabilities(found)
+    console.say(f"{out / 'report.json'}, {out / 'report.html'}")
+
+
+def _say_probabilities(found: Diagnosis) -> None:
     for name, p in sorted(found.report.cause.probabilities.items(), key=lambda item: -item[1])[:5]:
         console.say(f"  {name:20s} {p:.3f}")
-    console.say(f"{out / 'report.json'}, {out / 'report.html'}")
+    if found.report.cause.not_separable_from:
+        console.say(f"not separable from: {', '.join(found.report.cause.not_separable_from)}")
+
+
+def _build(captures: CaptureSet, options: DiagnosisOptions, cache: DrapeCache, json_output: bool) -> None:
+    from diagnosis.atlas import build_atlas
+
+    with console.progress("simulating", total=_shown(captures)) as bar:
+        cost = build_atlas(captures, options.chosen(), options.resolution_m, cache, bar.advance)
+    if json_output:
+        console.emit_json({"simulations": cost.simulations, "seconds": cost.seconds, "cached": cost.cached})
+        return
+    console.say(f"{cost.simulations} simulations in {cost.seconds:.0f} CPU seconds, {cost.cached} were there")
+
+
+def _isolability(
+    captures: CaptureSet, options: DiagnosisOptions, cache: DrapeCache, out: Path, json_output: bool
+) -> None:
+    from diagnosis.isolability import analyse, remedy
+    from renderer.atomic import write_atomically
+
+    with console.progress("simulating", total=_shown(captures)) as bar:
+        found = analyse(captures, options.chosen(), options.resolution_m, cache, bar.advance)
+    document = _isolability_json(found)
+    out.mkdir(parents=True, exist_ok=True)
+    write_atomically(out / "isolability.json", (json.dumps(document, indent=1) + "\n").encode())
+    if json_output:
+        console.emit_json(document)
+        return
+    console.say(f"not visible in {', '.join(found.scenes)}: {', '.join(found.invisible()) or 'none'}")
+    console.say("effects of typical size that such captures cannot tell apart:")
+    for pair in found.confused():
+        if pair.effect not in found.invisible():
+            console.say(f"  {pair.effect:20s} as {pair.other:20s} {pair.share:.2f} left; {remedy(pair)}")
+    console.say(f"{out / 'isolability.json'}")
+
+
+def _isolability_json(found: Isolability) -> dict[str, Any]:
+    from diagnosis.isolability import SEPARABLE_NATS, remedy
+
+    return {
+        "format": "drape-isolability/1",
+        "scenes": list(found.scenes),
+        "threshold_nats": SEPARABLE_NATS,
+        "invisible": list(found.invisible()),
+        "confused": [
+            {"effect": p.effect, "as": p.other, "share_left": p.share, "nats": p.nats, "separated_by": remedy(p)}
+            for p in found.confused()
+        ],
+        "pairs": [{"effect": p.effect, "as": p.other, "share_left": p.share, "nats": p.nats} for p in found.pairs],
+    }
+
+
+def _shown(captures: CaptureSet) -> int:
+    return len({capture.fabric.id for capture in captures.captures})
 
 
 def _names(text: str) -> tuple[str, ...]:

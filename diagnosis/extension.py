@@ -1,0 +1,81 @@
+"""The simulator with the found effects in it, as a file that other commands read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from diagnosis.effects import get_effect
+from diagnosis.report import GapReport
+from diagnosis.scene import SimulationScene
+from renderer.atomic import write_atomically
+from simcore.errors import InputError
+
+FORMAT: Final = "drapemeter-simulator/1"
+
+
+class AppliedEffect(BaseModel):
+    """An effect with all components of its size."""
+
+    model_config = ConfigDict(frozen=True)
+
+    name: str
+    size: dict[str, float]
+
+    @property
+    def option(self) -> str:
+        """As `drapemeter simulate --effect` takes it."""
+        return f"{self.name}=" + ",".join(f"{key}:{value:.6g}" for key, value in self.size.items())
+
+
+class SimulatorExtension(BaseModel):
+    """What to add to the baseline simulation."""
+
+    model_config = ConfigDict(frozen=True)
+
+    format: Literal["drapemeter-simulator/1"] = FORMAT
+    effects: tuple[AppliedEffect, ...]
+
+    @classmethod
+    def of(cls, report: GapReport) -> SimulatorExtension:
+        """The effects that a report names; none where it names none."""
+        found = []
+        for effect in report.cause.effects:
+            known = get_effect(effect.name)
+            place = dict((effect.model_extra or {}).get("place", {}))
+            magnitude = effect.magnitude
+            size = dict(magnitude) if isinstance(magnitude, dict) else {**known.size(magnitude), **place}
+            found.append(AppliedEffect(name=effect.name, size=known.size(size)))
+        return cls(effects=tuple(found))
+
+    @classmethod
+    def load(cls, path: Path) -> SimulatorExtension:
+        """Read a file that :meth:`save` wrote.
+
+        Raises:
+            InputError: it is missing, not of this format, or names an unknown effect or component.
+        """
+        try:
+            found = cls.model_validate_json(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror})", code="file_unreadable") from None
+        except (ValidationError, UnicodeDecodeError):
+            raise InputError(
+                f"{path}: is no {FORMAT} document: make one with `drapemeter diagnose --apply`",
+                code="extension_invalid",
+            ) from None
+        for effect in found.effects:
+            get_effect(effect.name).size(effect.size)
+        return found
+
+    def save(self, path: Path) -> None:
+        """Write it, whole or not at all."""
+        write_atomically(path, (self.model_dump_json(indent=1) + "\n").encode())
+
+    def apply(self, scene: SimulationScene) -> SimulationScene:
+        """A scene with the effects on."""
+        for effect in self.effects:
+            scene = get_effect(effect.name).apply(scene, effect.size)
+        return scene
