@@ -116,7 +116,10 @@ def membrane_cell_forces(x: array3, s: array1, share: array2, cell: array3):
         a, b, q = tangents(x, s, j, i)
         _, stress, _ = material_response(material_strain(a, b, s), s)
         t = rotation(s).transpose() @ stress
-        ku, kv = share[j, i] * s[K_WEFT] / (12.0 * s[HU] * s[HU]), share[j, i] * s[K_WARP] / (12.0 * s[HV] * s[HV])
+        ku, kv = (
+            share[j, i] * s[K_WEFT] / (12.0 * s[HU] * s[HU]),
+            share[j, i] * s[K_WARP] / (12.0 * s[HV] * s[HV]),
+        )
         aq, bq = a.dot(q), b.dot(q)
         da = area * (t[0] * a + t[2] * b + ku * aq * q) / (2.0 * s[HU])
         db = area * (t[1] * b + t[2] * a + kv * bq * q) / (2.0 * s[HV])
@@ -207,39 +210,24 @@ def blended_stress(t, blend):
 
 
 @ti.kernel
-def membrane_stress(x: array3, step: array3, length: ti.f64, s: array1, stress: array3):
-    """Membrane stress (S_uu, S_vv, S_uv) [N/m] of each cell, carried linearly along ``length * step`` from ``x``.
-
-    With ``length`` 0 the stress at ``x``. Shape [rows-1, columns-1, 3].
-    """
-    for j, i in ti.ndrange(x.shape[0] - 1, x.shape[1] - 1):
-        a, b, _ = tangents(x, s, j, i)
-        da, db, _ = tangents(step, s, j, i)
-        turn = rotation(s)
-        _, t, moduli = material_response(material_strain(a, b, s), s)
-        strain = turn @ vec3(a.dot(da), b.dot(db), a.dot(db) + b.dot(da))
-        t = turn.transpose() @ (t + length * moduli * strain)
-        for r in ti.static(range(3)):
-            stress[j, i, r] = t[r]
-
-
-@ti.kernel
-def membrane_cell_hessians(x: array3, s: array1, share: array2, stress: array3, blend: ti.f64, cell: array3):
+def membrane_cell_hessians(x: array3, s: array1, share: array2, blend: ti.f64, cell: array3):
     """Second derivatives of each cell by (a/(2hu), b/(2hv), q): blocks aa, ab, aq, bb, bq, qq; [rows-1, columns-1, 54].
 
-    ``stress`` is that of :func:`membrane_stress`; ``blend`` 1 gives the exact Hessian for it, 0 one that is positive
-    semi-definite.
+    ``blend`` 1 gives the exact Hessian, 0 one that is positive semi-definite.
     """
     area = s[HU] * s[HV]
     eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     for j, i in ti.ndrange(x.shape[0] - 1, x.shape[1] - 1):
         a, b, q = tangents(x, s, j, i)
-        _, _, moduli = material_response(material_strain(a, b, s), s)
+        _, stress, moduli = material_response(material_strain(a, b, s), s)
         turn = rotation(s)
-        t = blended_stress(vec3(stress[j, i, 0], stress[j, i, 1], stress[j, i, 2]), blend)
+        t = blended_stress(turn.transpose() @ stress, blend)
         d = mat3([[moduli[0], 0.0, 0.0], [0.0, moduli[1], 0.0], [0.0, 0.0, moduli[2]]])
         c = turn.transpose() @ d @ turn
-        ku, kv = share[j, i] * s[K_WEFT] / (12.0 * s[HU] * s[HU]), share[j, i] * s[K_WARP] / (12.0 * s[HV] * s[HV])
+        ku, kv = (
+            share[j, i] * s[K_WEFT] / (12.0 * s[HU] * s[HU]),
+            share[j, i] * s[K_WARP] / (12.0 * s[HV] * s[HV]),
+        )
         aq, bq = blend * a.dot(q), blend * b.dot(q)
         p0, p2 = c[0, 0] * a + c[0, 2] * b, c[0, 2] * a + c[2, 2] * b
         w1, w2 = c[1, 1] * b + c[1, 2] * a, c[1, 2] * b + c[2, 2] * a

@@ -12,11 +12,14 @@ from simcore import curl_kernels, kernels
 from simcore.bending import PlateRigidity
 from simcore.contact import PanelContact
 from simcore.grid import BendingForms, Grid
+from simcore.inner import inner, norm
 from simcore.mechanics import Mechanics
 from simcore.parameters import FabricParameters
 from simcore.pardiso import Factorisation
 
 Array = NDArray[np.float64]
+ROUGH_FROM = 2000
+"""Vertices of a grid beyond which directions far from rest come from a factorisation in single precision."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +81,14 @@ class Level:
         self.grid = grid
         self.forms = BendingForms.of(grid)
         self._indptr, indices, self._slot = grid.pattern
-        self.factorisation = Factorisation(self._indptr, indices)
+        self.exact = Factorisation(self._indptr, indices)
+        self.rough = (
+            Factorisation(self._indptr, indices, single=True) if grid.rows * grid.columns > ROUGH_FROM else self.exact
+        )
+        self._factored = self.exact
         rows, columns = grid.rows, grid.columns
         self._values: Array = np.zeros(len(indices))
         self._vertex_energy: Array = np.zeros((rows, columns))
-        self.stress: Array = np.zeros((rows - 1, columns - 1, 3))
         self._cell_forces: Array = np.zeros((rows - 1, columns - 1, 9))
         self._cell_hessians: Array = np.zeros((rows - 1, columns - 1, 54))
         self.fixed = np.zeros((rows, columns), dtype=np.int32)
@@ -115,7 +121,7 @@ class Level:
         elastic = kernels.membrane_energy(x, self.membrane, self.hourglass, self._vertex_energy)
         bending = kernels.form_energy(x, self.bending, self._vertex_energy)
         curl = 0.0 if self.moments is None else curl_kernels.curl_energy(x, self.moments)
-        return float(elastic + bending + curl + contact - np.vdot(self.loads.force + self.extra_force, x))
+        return float(elastic + bending + curl + contact - inner(self.loads.force + self.extra_force, x))
 
     def gradient(self, x: Array) -> Array:
         """Derivative of the energy [N], zero where held."""
@@ -131,20 +137,17 @@ class Level:
     def residual(self, gradient: Array) -> float:
         """RMS out-of-balance force per free vertex, in weights of an interior vertex."""
         free = self.fixed.size - int(self.fixed.sum())
-        return float(np.linalg.norm(gradient) / math.sqrt(max(free, 1)) / self.loads.weight)
+        return norm(gradient) / math.sqrt(max(free, 1)) / self.loads.weight
 
-    def set_stress(self, x: Array, step: Array, length: float) -> None:
-        """Take the stress of the next Hessian from ``x``, carried linearly along ``length * step``."""
-        kernels.membrane_stress(x, step, length, self.membrane, self.stress)
+    def factor(self, x: Array, blend: float, shift: Array | float = 0.0, rough: bool = False) -> int:
+        """Assemble and factor the Hessian, blended towards a positive one, plus a diagonal ``shift`` [N/m] a vertex.
 
-    def factor(self, x: Array, blend: float, shift: Array | float = 0.0) -> int:
-        """Assemble and factor the Hessian with the stress of :meth:`set_stress`, blended towards a positive one, plus a
-        diagonal ``shift`` [N/m] a vertex.
+        ``rough``: in single precision.
 
         Returns:
             The number of its negative eigenvalues.
         """
-        kernels.membrane_cell_hessians(x, self.membrane, self.hourglass, self.stress, blend, self._cell_hessians)
+        kernels.membrane_cell_hessians(x, self.membrane, self.hourglass, blend, self._cell_hessians)
         vertex = self.contact.hessian(x, self.fixed, blend)
         vertex[..., :3] += shift[..., None] if isinstance(shift, np.ndarray) else shift
         stiffness = float(self.membrane[:3].max())
@@ -153,11 +156,12 @@ class Level:
         )
         if self.moments is not None and blend > 0.0:
             curl_kernels.curl_hessian(x, self.moments, blend, self.fixed, self._slot, self._indptr, self._values)
-        return self.factorisation.factor(self._values)
+        self._factored = self.rough if rough else self.exact
+        return self._factored.factor(self._values)
 
     def solve(self, right: Array) -> Array:
         """Solve with the last factorisation; shapes [rows, columns, 3]."""
-        return self.factorisation.solve(right.ravel()).reshape(self.grid.shape)
+        return self._factored.solve(right.ravel()).reshape(self.grid.shape)
 
     def soft_modes(self, count: int, start: Array, rounds: int) -> tuple[Array, Array]:
         """Eigenpairs nearest zero of the last factored Hessian, by subspace iteration with its inverse.
@@ -176,7 +180,7 @@ class Level:
         for _ in range(rounds):
             q, _ = np.linalg.qr(basis.T)
             orthonormal = np.ascontiguousarray(q.T)
-            basis = self.factorisation.solve(orthonormal)
+            basis = self._factored.solve(orthonormal)
             inverse, turn = np.linalg.eigh(orthonormal @ basis.T)
             basis = turn.T @ basis
         vectors = basis / np.linalg.norm(basis, axis=1, keepdims=True)

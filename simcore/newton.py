@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.inner import inner, norm
 from simcore.level import Level
+from simcore.patches import only, unrested
 
 Array = NDArray[np.float64]
 
@@ -19,6 +21,13 @@ MEMORY = 6
 """Pairs that L-BFGS keeps."""
 WORTH = 0.06
 """An L-BFGS step that lowers the energy by less than this share of the factorisation's own step is the last."""
+ROUGH_FROM = 0.05
+"""Residual over which single precision is enough for a direction [vertex weights]."""
+PATCH_FROM = 0.05
+"""Residual under which all vertices are solved at once [vertex weights]: the finish is quadratic."""
+PATCH_FALL = 0.1
+"""A patch is settled when its residual has fallen to this share."""
+PATCH_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -30,12 +39,14 @@ class NewtonOptions:
         certify: require that the exact Hessian has no negative eigenvalue at the end.
         iterations: most Newton steps.
         largest_step: cap on a vertex's move in one step, in cells.
+        patches: settle the vertices that are far from rest by themselves between steps of all.
     """
 
     tolerance: float = 5e-4
     certify: bool = True
     iterations: int = 200
     largest_step: float = 3.0
+    patches: bool = True
 
 
 @dataclass(frozen=True)
@@ -87,12 +98,12 @@ class Newton:
                 return Rest(x, residual, False, iteration, True)
             if near:
                 blend, damping = 1.0, 0.0
-            level.set_stress(x, x, 0.0)
-            negative = self._factor(x, blend, damping)
-            if near and negative == 0:
-                return Rest(x, residual, True, iteration, True)
             if iteration == options.iterations or time.process_time() > self.deadline:
                 break
+            rough = residual > ROUGH_FROM
+            negative = self._factor(x, blend, damping, rough)
+            if near and negative == 0:
+                return Rest(x, residual, True, iteration, True)
             if near:
                 self.escapes += 1
                 if self.escapes > 8:
@@ -107,7 +118,7 @@ class Newton:
                     blend = 0.5 * blend if blend > 0.1 else 0.0
                 else:
                     damping = max(4.0 * damping, 1e-3)
-                negative = self._factor(x, blend, damping)
+                negative = self._factor(x, blend, damping, rough)
             refused = refused if refused > blend else 2.0
             slope, length, fall, x, energy, gradient = self._descend(x, energy, gradient)
             residual = level.residual(gradient)
@@ -121,7 +132,21 @@ class Newton:
                 damping = 0.25 * damping if damping > 1e-3 else 0.0
             elif length < 0.3:
                 blend *= 0.5
+            if options.patches and residual > PATCH_FROM:
+                x = self._settle(x, gradient)
+                energy, gradient = level.energy(x), level.gradient(x)
+                residual = level.residual(gradient)
         return Rest(x, residual, False, options.iterations, False)
+
+    def _settle(self, x: Array, gradient: Array) -> Array:
+        """Bring those vertices near rest, the others held, that one step of all leaves far from it."""
+        mask = unrested(self.level, gradient)
+        if mask is None:
+            return x
+        with only(self.level, mask):
+            before = self.level.residual(self.level.gradient(x))
+            options = NewtonOptions(PATCH_FALL * before, False, PATCH_STEPS, self.options.largest_step, False)
+            return Newton(self.level, options, self.deadline).minimise(x).x
 
     def _descend(self, x: Array, energy: float, gradient: Array) -> tuple[float, float, float, Array, float, Array]:
         """One step with the factorisation at hand, then as many limited-memory BFGS steps preconditioned by it as pay.
@@ -134,7 +159,7 @@ class Newton:
         first: tuple[float, float, float] | None = None
         for _ in range(INNER_STEPS):
             step = self._direction(gradient, pairs)
-            slope = float(np.vdot(gradient, step))
+            slope = inner(gradient, step)
             length, moved, new_energy = self._search(x, step, energy, slope)
             fall = energy - new_energy
             if first is None:
@@ -144,8 +169,8 @@ class Newton:
                 break
             new_gradient = level.gradient(moved)
             s, y = moved - x, new_gradient - gradient
-            curvature = float(np.vdot(s, y))
-            if curvature > 1e-12 * float(np.linalg.norm(s) * np.linalg.norm(y)):
+            curvature = inner(s, y)
+            if curvature > 1e-12 * norm(s) * norm(y):
                 pairs.append((s, y, 1.0 / curvature))
                 del pairs[:-MEMORY]
             x, energy, gradient = moved, new_energy, new_gradient
@@ -159,20 +184,26 @@ class Newton:
         q = gradient.copy()
         weights = []
         for s, y, rho in reversed(pairs):
-            alpha = rho * float(np.vdot(s, q))
+            alpha = rho * inner(s, q)
             q -= alpha * y
             weights.append(alpha)
         z = self.level.solve(q)
         for (s, y, rho), alpha in zip(pairs, reversed(weights), strict=True):
-            z += (alpha - rho * float(np.vdot(y, z))) * s
+            z += (alpha - rho * inner(y, z)) * s
         return -z
 
-    def _factor(self, x: Array, blend: float, damping: float) -> int:
-        return self.level.factor(x, blend, damping * self.level.loads.weight / self.level.grid.hu)
+    def _factor(self, x: Array, blend: float, damping: float, rough: bool) -> int:
+        return self.level.factor(x, blend, damping * self.level.loads.weight / self.level.grid.hu, rough)
 
     def _escape(self, x: Array, energy: float) -> Array:
-        """Leave a saddle along its lowest mode, to whichever side and as far as the energy falls."""
+        """Leave a saddle along its lowest mode, to whichever side and as far as the energy falls.
+
+        The mode is sought from a Hessian shifted just enough to be positive: nearest zero may lie other ones.
+        """
         level = self.level
+        shift = 1e-4
+        while self._factor(x, 1.0, shift, False) > 0 and shift < 1e3:
+            shift *= 4.0
         _, modes = level.soft_modes(4, self._start, 10)
         mode = modes[0].reshape(x.shape) / np.abs(modes[0]).max()
         best, best_energy = x, energy

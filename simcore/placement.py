@@ -133,7 +133,6 @@ def _step(level: Level, x: Array, velocity: Array, inertia: Array, pins: Pins, p
     pins.hold(x, progress)
     free = (level.fixed == 0)[..., None]
     goal = x + STEP_S * velocity * free
-    level.set_stress(x, x, 0.0)
     for correction in range(3):
         gradient = level.gradient(x) + inertia[..., None] * (x - goal) * free
         if correction == 0:

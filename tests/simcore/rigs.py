@@ -85,10 +85,9 @@ def assembled(level: Level, x: Array, blend: float) -> Array:
     """What the level hands to the factorisation, dense and symmetric [3 n, 3 n]."""
     import scipy.sparse as sp
 
-    level.set_stress(x, x, 0.0)
     level.factor(x, blend)
     indptr, indices, _ = level.grid.pattern
-    upper = sp.csr_array((level.factorisation._values, indices, indptr), shape=(x.size, x.size)).toarray()
+    upper = sp.csr_array((level.exact._values, indices, indptr), shape=(x.size, x.size)).toarray()
     return upper + np.triu(upper, 1).T
 
 
