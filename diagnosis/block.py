@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult
+from diagnosis.features import PLANE_NAMES
 from diagnosis.noise import NoiseModel, feature_covariance, stacked_jacobian
-from diagnosis.pixel_statistics import PIXEL_NAMES
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Block:
         captures: ids, in the order they are stacked.
         stated: with the stated uncertainty of the parameters.
         wide: as if the parameters of this fabric were wrong.
-        cell: number of the cell (cloth, ring, then the panel's three) of each measurement, [n].
+        cell: number of the cell (cloth, then ring) of each measurement, [n].
         owner: which of ``captures`` it belongs to, [n].
         jacobian: change for one stated standard deviation of each parameter [m], [7, n].
     """
@@ -69,7 +69,7 @@ class Block:
 
 
 def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model: NoiseModel) -> Block:
-    """Stack the repeats of a fabric and scene and whiten them.
+    """Stack the repeats of a fabric and scene and whiten them; the panel's plane is left to :class:`PixelBlock`.
 
     Args:
         captures: of one fabric in one scene.
@@ -77,7 +77,8 @@ def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model:
         model: all other errors.
     """
     measured = np.concatenate([c.measured.vector() for c in captures])
-    seen = np.isfinite(measured)
+    on_plane = np.concatenate([np.arange(c.reference.count + 3) >= c.reference.count for c in captures])
+    seen = np.isfinite(measured) & ~on_plane
     stacked = {name: _stacked(captures, name)[:, seen] for name in captures[0].responses.effects}
     sizes = [c.reference.count + 3 for c in captures]
     owner = np.repeat(np.arange(len(sizes)), sizes)[seen]
@@ -122,36 +123,53 @@ def _view(measured: Array, stacked: dict[str, Array], owner: NDArray[np.intp], c
 
 @dataclass(frozen=True)
 class PixelBlock:
-    """Pixel statistics of all captures, each in units of its own uncertainty.
+    """What all captures share, each number in units of its own uncertainty: pixel statistics, the panel's plane.
 
     Attributes:
-        measured: deviation from what the stated sensor gives, [m], NaN-free.
+        measured: deviation from what the stated sensor and pose give, [m], NaN-free.
         responses: effect to its response at each node, [nodes, m].
+        sensor_known: pixel statistics are among them.
     """
 
     measured: Array
     responses: dict[str, Array]
+    sensor_known: bool
 
 
 def make_pixel_block(captures: Sequence[CaptureResult], model: NoiseModel) -> PixelBlock:
-    """Average each statistic over the captures that have it and whose sensor is stated; the sensor is one for all."""
-    known = [c for c in captures if c.sensor_known]
-    if not known:
-        empty = {name: np.zeros((len(rows[0]), 0)) for name, rows in captures[0].responses.effects.items()}
-        return PixelBlock(np.zeros(0), empty)
-    deviation = np.stack([c.measured.pixels - c.responses.sensed for c in known])
+    """The median of each number over the captures that have it; camera and sensor are one for all.
+
+    Pixel statistics count where the sensor is stated, the plane (offset and slopes) where the pose is.
+    """
+    deviation = np.stack([_deviation(c) for c in captures])
     seen = np.isfinite(deviation)
     count = seen.sum(axis=0)
-    scale = np.asarray(model.pixel_sigma) * np.sqrt(1.0 + 1.0 / np.maximum(count, 1))
     usable = count > 0
-    assert len(scale) == len(PIXEL_NAMES)
+    sigma = np.array([*model.pixel_sigma, *[model.plane_m] * len(PLANE_NAMES)])
+    scale = sigma * np.sqrt(1.0 + 1.0 / np.maximum(count, 1))
 
-    def mean(values: Array) -> Array:
-        total = np.where(seen, values, 0.0).sum(axis=0) / np.maximum(count, 1)
-        return np.asarray((total / scale)[usable])
+    def median(values: Array) -> Array:
+        chosen = np.where(seen, values, np.nan)[:, usable]
+        return np.asarray(np.nanmedian(chosen, axis=0) / scale[usable]) if usable.any() else np.zeros(0)
 
-    responses = {
-        name: np.stack([mean(np.stack([c.responses.effects[name][1][n] for c in known])) for n in range(len(rows[0]))])
-        for name, rows in captures[0].responses.effects.items()
-    }
-    return PixelBlock(mean(deviation), responses)
+    responses = {}
+    for name, (vectors, _) in captures[0].responses.effects.items():
+        nodes = range(len(vectors))
+        responses[name] = np.stack([median(np.stack([_response(c, name, n) for c in captures])) for n in nodes])
+    return PixelBlock(median(deviation), responses, any(c.sensor_known for c in captures))
+
+
+def _deviation(capture: CaptureResult) -> Array:
+    pixels = capture.measured.pixels - capture.responses.sensed
+    plane = capture.measured.plane
+    return np.concatenate(
+        [
+            pixels if capture.sensor_known else np.full_like(pixels, np.nan),
+            plane if capture.pose_known else np.full_like(plane, np.nan),
+        ]
+    )
+
+
+def _response(capture: CaptureResult, name: str, node: int) -> Array:
+    vectors, pixels = capture.responses.effects[name]
+    return np.concatenate([pixels[node], vectors[node, -len(PLANE_NAMES) :]])

@@ -33,7 +33,7 @@ class CausePrior:
     none: float = 0.3
     unknown: float = 0.05
     two: float = 0.05
-    scatter: float = 0.2
+    scatter: float = 0.07
     unseen: float = 0.1
 
     def shares(self, effects: Sequence[str], *, pixels_seen: bool = True) -> dict[str, float]:
@@ -131,7 +131,7 @@ def name_cause(
         best = [max(top, *(float(table.blocks[n].max()) for _, _, table in both)) for n, top in enumerate(best)]
         evidence = {table.name: table.weigh(blocks, best, model) for table in tables}
     found = [Pair(first, table.name, sizes, table.weigh(blocks, best, model)) for first, sizes, table in both]
-    return _weigh(prior.shares(effects, pixels_seen=len(pixels.measured) > 0), evidence, found, prior)
+    return _weigh(prior.shares(effects, pixels_seen=pixels.sensor_known), evidence, found, prior)
 
 
 def _weigh(

@@ -182,8 +182,9 @@ def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
     prior_sigma = 1.2 * step / np.sqrt(count)
     size, hessian = np.zeros(count), np.eye(count)
     for _ in range(12):
-        hessian = np.eye(count) / prior_sigma**2
-        right = np.zeros(count)
+        shared = pixels.responses[effect.name] / step
+        hessian = np.eye(count) / prior_sigma**2 + shared @ shared.T
+        right = shared @ pixels.measured
         for block in blocks:
             view = block.stated
             columns = view.responses[effect.name] / step
@@ -205,7 +206,7 @@ def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
     return Table(
         effect.name,
         tuple(values),
-        pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model),
+        pixel_log_likelihood(pixels, (size @ pixels.responses[effect.name] / step)[None], model),
         np.array([occam]),
         ({n: float(s) for n, s in zip(effect.components, size, strict=True)},),
         {n: float(d) for n, d in zip(effect.components, sigma, strict=True)},

@@ -35,6 +35,7 @@ class CaptureTask:
         depth: picture [m], float32 [H, W].
         scene: the simulation that should give it, without effects.
         sensor_known: the capture set states the sensor's noise and steps.
+        pose_known: it states the camera's pose; otherwise that was found in the pictures.
     """
 
     id: str
@@ -42,6 +43,7 @@ class CaptureTask:
     depth: NDArray[np.float32]
     scene: SimulationScene
     sensor_known: bool
+    pose_known: bool = True
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ class CaptureResult:
         rms_m: of the capture against the base state.
         state: number of the base state among the fabric's and scene's; equal for repeats that fell into the same.
         sensor_known: the set states the sensor.
+        pose_known: the set states the camera's pose.
     """
 
     id: str
@@ -89,6 +92,7 @@ class CaptureResult:
     rms_m: float
     state: int
     sensor_known: bool
+    pose_known: bool = True
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                     rms,
                     keys.index(drape.key),
                     capture.sensor_known,
+                    capture.pose_known,
                 )
             )
     return FabricResult(task, tuple(results), simulator.cost)

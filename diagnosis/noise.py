@@ -51,7 +51,7 @@ class NoiseModel:
     hanging_factor: float = 3.0
     length: float = 0.15
     short_length: float = 0.04
-    plane_m: float = 0.0002
+    plane_m: float = 0.0003
     wide_sigma: float = 0.6
     pixel_sigma: tuple[float, ...] = (0.02, 0.02, 0.1, 0.001, 0.03, 0.03)
 

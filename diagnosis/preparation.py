@@ -61,7 +61,8 @@ def prepare_tasks(
                 sensor=sensor_model(capture.sensor),
             )
             depth = ready.depth if capture.setup.panel else np.where(ready.region.mask, ready.depth, np.float32(0.0))
-            items.append(CaptureTask(capture.id, capture.repeat, depth, scene, _sensor_known(capture)))
+            posed = capture.camera_from_panel is not None
+            items.append(CaptureTask(capture.id, capture.repeat, depth, scene, _sensor_known(capture), posed))
         tasks.append(
             FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), _resolution(own[0], resolution_m))
         )

@@ -17,7 +17,7 @@ PIN_SHARE = 0.17
 
 
 def region_of_cells(scene: str, centre: NDArray[np.float64]) -> dict[Region, NDArray[np.bool_]]:
-    """Which of the cells (cloth, ring, then the panel's three numbers) belong to each region, bool [cells + 3]."""
+    """Which of the cells (cloth, then ring) belong to each region, bool [cells]."""
     corners = [(0.0, 0.0), (1.0, 0.0)] + ([(1.0, 1.0)] if scene == "stretch" else [])
     near = np.zeros(len(centre), dtype=bool)
     for corner in corners:
@@ -37,8 +37,7 @@ def region_of_cells(scene: str, centre: NDArray[np.float64]) -> dict[Region, NDA
         "panel": ring,
         "all": np.ones(len(centre), dtype=bool),
     }
-    plane = {"panel": True, "all": True}
-    return {name: np.append(mask, [plane.get(name, False)] * 3) for name, mask in masks.items()}
+    return masks
 
 
 def region_gaps(
