@@ -21,6 +21,7 @@ from simcore.errors import InputError
 from simcore.mechanics import Jitter
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 from simcore.prior import FabricPrior
+from simcore.scenes import Scene
 
 BLIND_FORMAT = "drape-blind-check/1"
 MANIFEST_FILE = "blind.json"
@@ -43,6 +44,7 @@ class BlindPlan:
         pool: number of different fabrics; sets share them, so that their simulations can be shared too.
         resolution_m: of the mesh; another one than the diagnosis uses.
         withhold: effects that the data has and the diagnosis's catalogue lacks.
+        scenes: of every set.
     """
 
     cases: int
@@ -52,6 +54,7 @@ class BlindPlan:
     pool: int = 5
     resolution_m: float = 0.0125
     withhold: tuple[str, ...] = ()
+    scenes: tuple[str, ...] = ("hanging", "stretch")
 
     def check(self) -> None:
         """Refuse plans that cannot be.
@@ -61,6 +64,8 @@ class BlindPlan:
         """
         for name in self.withhold:
             get_effect(name)
+        for name in self.scenes:
+            Scene.parse(name)
         if self.cases < 1 or self.fabrics < 1 or self.repeats < 1 or self.pool < self.fabrics or self.seed < 0:
             raise InputError(
                 "a blind check needs at least one case, one fabric, one repeat, a pool no smaller than a set's "
@@ -160,6 +165,7 @@ def _make_case(
     stated: Mapping[int, FabricParameters] = {int(k): fabrics[int(k)] for k in chosen}
     synthesis = SynthesisPlan(
         fabrics=plan.fabrics,
+        scenes=plan.scenes,
         repeats=plan.repeats,
         resolution_m=plan.resolution_m,
         jitter=Jitter(1.0, 0.0004, 0.03),
@@ -174,7 +180,7 @@ def _make_case(
 
 def _manifest(plan: BlindPlan) -> dict[str, Any]:
     values = {name: getattr(plan, name) for name in ("cases", "seed", "fabrics", "repeats", "pool", "resolution_m")}
-    return {"format": BLIND_FORMAT, **values, "withhold": list(plan.withhold)}
+    return {"format": BLIND_FORMAT, **values, "withhold": list(plan.withhold), "scenes": list(plan.scenes)}
 
 
 def _plain(effect: Effect, size: Size) -> float | dict[str, float]:

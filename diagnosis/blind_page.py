@@ -27,12 +27,13 @@ AIMS = (
 def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: Score) -> str:
     """All tables of the check; every case is listed."""
     kinds = Counter(a.kind for a in answers)
+    scenes = " and ".join(manifest["scenes"])
     groups = "; ".join(", ".join(sorted(group)) for group in GROUPS)
     lines = [
         "# Blind check of the diagnosis",
         "",
         f"Written by `drapemeter blind score` ({MODEL_VERSION}), not by hand. {manifest['cases']} sealed cases from "
-        f"seed {manifest['seed']}: {manifest['fabrics']} fabrics x 2 scenes x {manifest['repeats']} repeats each, of "
+        f"seed {manifest['seed']}: {manifest['fabrics']} fabrics x {scenes} x {manifest['repeats']} repeats each, of "
         f"{manifest['pool']} fabrics, simulated on a {1e3 * manifest['resolution_m']:g} mm mesh (the diagnosis uses "
         "10 mm), stated parameters 7 % off, magnets 0.4 mm off in every repeat, sensor noise. Labels lay in files of "
         "their own, their SHA-256 in the sets, and were opened after all cases had been diagnosed.",

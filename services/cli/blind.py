@@ -31,6 +31,7 @@ def make(
     repeats: int = typer.Option(2, "--repeats", help="Captures a fabric and scene."),
     pool: int = typer.Option(5, "--pool", help="Different fabrics in the whole check; sets share their simulations."),
     resolution: float = typer.Option(0.0125, "--resolution", help="Edge of a mesh cell [m]; not the diagnosis's."),
+    scenes: str = typer.Option("hanging,stretch", "--scenes", help="Of every set, comma-separated."),
     withhold: list[str] = typer.Option([], "--withhold", help="Effect that the data has and the diagnosis lacks."),
     json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
@@ -42,7 +43,7 @@ def make(
     """
     from diagnosis.blind_make import BlindPlan, make_blind_check
 
-    plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, tuple(withhold))
+    plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, tuple(withhold), tuple(scenes.split(",")))
     plan.check()
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder", code="output_is_file")
