@@ -1,0 +1,102 @@
+"""Labels stay sealed until they are opened, and are counted rightly."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from diagnosis.blind_make import LABELS_FOLDER, MANIFEST_FILE, BlindPlan, draw_label, make_blind_check
+from diagnosis.blind_page import render_page
+from diagnosis.blind_score import Answer, read_manifest, same, score
+from diagnosis.drape_cache import DrapeCache
+from simcore.errors import InputError
+
+PLAN = BlindPlan(1, 3, fabrics=1, repeats=1, pool=1, resolution_m=0.02, scenes=("stretch",))
+
+
+def answer(kind: str, truth: list[dict[str, Any]], top: str, p: float, detected: bool = True) -> Answer:
+    named = [] if top in ("none", "unknown") else [{"name": top, "magnitude": 0.3, "interval_90": [0.2, 0.4]}]
+    report = {
+        "gap": {"detected": detected, "p_value": 0.01},
+        "cause": {"top": top, "probabilities": {top: p, "none": 1 - p}, "effects": named},
+        "shrinkage": {"fraction": 0.8} if named else None,
+    }
+    label = {"kind": kind, "effects": truth, "wrong_parameter": None}
+    baselines = {
+        "names": dict.fromkeys(("nearest_template", "least_residual", "most_flexible"), "crease"),
+        "mmd_p": 0.5,
+    }
+    return Answer("case-001", label, report, baselines)
+
+
+DRAFT = {"name": "air_draft", "stage": "environment", "magnitude": 0.33, "unit": "Pa"}
+HEM = {"name": "hem_weight", "stage": "fabric", "magnitude": 20.0, "unit": "g/m"}
+
+
+def test_answers_are_counted() -> None:
+    answers = [
+        answer("named", [DRAFT], "air_draft", 0.9),
+        answer("named", [DRAFT], "crease", 0.6),
+        answer("none", [], "none", 0.7, detected=False),
+        answer("withheld", [HEM], "unknown", 0.7),
+        answer("withheld", [HEM], "crease", 0.95),
+        answer("two", [DRAFT, HEM], "air_draft", 0.9),
+    ]
+    result = score(answers)
+    assert (result.top1.hits, result.top1.of) == (1, 2)
+    assert result.false_alarms.value == 0.0
+    assert result.withheld_unknown.value == result.withheld_misnamed.value == 0.5
+    assert (result.one_of_two.hits, result.both_of_two.hits) == (1, 0)
+    assert result.magnitude_inside.hits == 1
+    assert result.magnitude_error == pytest.approx(0.0909, abs=1e-3)
+    page = render_page({"cases": 6, "seed": 1, "scenes": ["stretch"], **_manifest()}, answers, result)
+    assert "| case-001 | named | air_draft | crease | 0.60 |" in page
+
+
+def _manifest() -> dict[str, Any]:
+    return {"fabrics": 4, "repeats": 2, "pool": 4, "resolution_m": 0.0125, "withhold": []}
+
+
+def test_declared_groups_count_as_one() -> None:
+    assert same("panel_tilt", "air_draft") and same("crease", "crease")
+    assert not same("crease", "air_draft")
+
+
+def test_labels_are_sealed_in_files_of_their_own(tmp_path: Path) -> None:
+    make_blind_check(tmp_path, PLAN, cache=DrapeCache(None))
+    sealed = (tmp_path / LABELS_FOLDER / "case-001.json").read_bytes()
+    stated = json.loads((tmp_path / "case-001" / "captures.json").read_text())
+    assert stated["label_sha256"] == hashlib.sha256(sealed).hexdigest()
+    assert "effects" not in stated and len(json.loads(sealed)["nonce"]) == 32
+    with pytest.raises(InputError) as caught:
+        make_blind_check(tmp_path, BlindPlan(1, 4, fabrics=1, repeats=1, pool=1), cache=DrapeCache(None))
+    assert caught.value.code == "blind_other_plan"
+
+
+def test_all_visible_effects_come_up() -> None:
+    plan = BlindPlan(200, 5, withhold=("crease",))
+    drawn = {
+        e.name for n in range(plan.cases) for e, _ in draw_label(n, plan).effects if draw_label(n, plan).kind == "named"
+    }
+    assert "crease" not in drawn and "panel_friction" not in drawn
+    assert len(drawn) >= 20
+
+
+@pytest.mark.parametrize("plan", [BlindPlan(0, 1), BlindPlan(1, 1, pool=2), BlindPlan(1, 1, withhold=("wind",))])
+def test_plans_that_cannot_be_are_refused(plan: BlindPlan) -> None:
+    with pytest.raises(InputError):
+        plan.check()
+
+
+def test_folders_without_a_check_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        read_manifest(tmp_path)
+    assert caught.value.code == "blind_missing"
+    (tmp_path / MANIFEST_FILE).write_text('{"format": "other/1"}')
+    with pytest.raises(InputError) as caught:
+        read_manifest(tmp_path)
+    assert caught.value.code == "blind_format"

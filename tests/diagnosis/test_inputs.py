@@ -1,0 +1,81 @@
+"""What cannot be used is refused in one line; what is thin gets a modest answer."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from capture.capture_set import CaptureSet
+from diagnosis.atlas import ATLAS_FILE, forecast, open_atlas
+from diagnosis.diagnose import DiagnosisOptions
+from diagnosis.drape_cache import DrapeCache
+from diagnosis.preparation import prepare_tasks
+from simcore.errors import InputError
+from tests.diagnosis.conftest import CANDIDATES, Diagnose, MakeSet
+
+
+def test_one_capture_alone_gets_a_modest_answer(make_set: MakeSet, explain: Diagnose) -> None:
+    whole = make_set()
+    alone = CaptureSet(whole.folder, whole.document.model_copy(update={"captures": whole.document.captures[:1]}))
+    report = explain(alone).report
+    assert max(p for name, p in report.cause.probabilities.items() if name != "none") < 0.5
+    assert report.shrinkage is None
+
+
+@pytest.mark.parametrize("options", [DiagnosisOptions(effects=("wind",)), DiagnosisOptions(without=("wind",))])
+def test_effects_that_do_not_exist_are_refused(options: DiagnosisOptions) -> None:
+    with pytest.raises(InputError, match="unknown effect 'wind'"):
+        options.chosen()
+
+
+def test_a_catalogue_of_nothing_is_refused() -> None:
+    with pytest.raises(InputError) as caught:
+        DiagnosisOptions(effects=("crease",), without=("crease",)).chosen()
+    assert caught.value.code == "no_effects"
+
+
+def test_a_mesh_that_does_not_divide_the_sample_is_refused(make_set: MakeSet) -> None:
+    captures = make_set()
+    setup = captures.document.setup
+    assert setup is not None
+    odd = captures.document.model_copy(
+        update={"setup": setup.model_copy(update={"sample_size_m": (0.5, 0.3333), "pins_m": None})}
+    )
+    with pytest.raises(InputError) as caught:
+        prepare_tasks(CaptureSet(captures.folder, odd), ("crease",), 0.01)
+    assert caught.value.code == "resolution_does_not_divide"
+
+
+def test_an_atlas_is_made_once_and_found_again(tmp_path: Path) -> None:
+    cache = open_atlas(tmp_path / "atlas")
+    assert cache == open_atlas(tmp_path / "atlas")
+    assert (tmp_path / "atlas" / ATLAS_FILE).exists()
+
+
+def test_an_atlas_of_another_version_is_refused(tmp_path: Path) -> None:
+    open_atlas(tmp_path / "atlas")
+    path = tmp_path / "atlas" / ATLAS_FILE
+    path.write_text(json.dumps({**json.loads(path.read_text()), "simulation": 0}))
+    with pytest.raises(InputError) as caught:
+        open_atlas(tmp_path / "atlas")
+    assert caught.value.code == "atlas_version"
+
+
+def test_a_folder_of_something_else_is_no_atlas(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("x")
+    with pytest.raises(InputError) as caught:
+        open_atlas(tmp_path)
+    assert caught.value.code == "atlas_invalid"
+
+
+def test_what_it_will_cost_is_known_beforehand(make_set: MakeSet, explain: Diagnose, shelf: DrapeCache) -> None:
+    captures = make_set()
+    tasks, _ = prepare_tasks(captures, CANDIDATES, 0.02)
+    cold = forecast(tasks, DrapeCache(None))
+    explain(captures)
+    warm = forecast(tasks, shelf)
+    assert cold.simulations > 20 and cold.ready == 0
+    assert warm.simulations == 0 and warm.ready == warm.fabrics == 2
+    assert "simulations" in cold.sentence()
