@@ -137,16 +137,17 @@ def name_cause(
 def _weigh(
     before: Mapping[str, float], evidence: Mapping[str, Evidence], pairs: list[Pair], prior: CausePrior
 ) -> Cause:
-    count = max(len(before) - len(NOT_EFFECTS), 1)
+    rest = sum(share for name, share in before.items() if name not in NOT_EFFECTS)
     weight = {name: e.log_evidence + np.log(before[name]) for name, e in evidence.items()}
-    two = [p.evidence.log_evidence + np.log(2 * prior.two / (count * max(count - 1, 1))) for p in pairs]
+    chance = [2 * prior.two * before[p.first] * before[p.second] / rest**2 for p in pairs]
+    two = [p.evidence.log_evidence + np.log(share) for p, share in zip(pairs, chance, strict=True)]
     total = float(logsumexp([*weight.values(), *two]))
     probabilities = {name: float(np.exp(w - total)) for name, w in weight.items()}
     for pair, w in zip(pairs, two, strict=True):
         probabilities[pair.first] += 0.501 * float(np.exp(w - total))
         probabilities[pair.second] += 0.499 * float(np.exp(w - total))
-    rest = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
-    factor = rest - np.log(1 - prior.none) - evidence["none"].log_evidence
+    others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
+    factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
     best = pairs[int(np.argmax(two))] if pairs else None
     return Cause(probabilities, evidence, float(factor), best, float(np.exp(np.array(two) - total).sum()))
 

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from diagnosis.reference import Reference
 
+EDGE_M = 0.012
+EDGE_NOISES = 7.0
+"""A depth edge is larger than this length and than so many standard deviations of the noise."""
 PIXEL_NAMES = ("log_noise", "correlation", "log_step", "dropout", "edge_mix", "edge_blur")
 
 
@@ -29,7 +32,8 @@ def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArra
     expected = reference.depth > 0
     if expected.any():
         out[3] = np.count_nonzero(expected & ~known) / np.count_nonzero(expected)
-    out[4], out[5] = _edges(depth, reference)
+    noise = float(np.exp(out[0])) if np.isfinite(out[0]) else 0.0
+    out[4], out[5] = _edges(depth, max(EDGE_M, EDGE_NOISES * noise))
     return out
 
 
@@ -57,8 +61,8 @@ def _step(values: NDArray[np.float32]) -> float:
     return float(np.log(np.median(gaps))) if gaps.size >= 3 else float("nan")
 
 
-def _edges(depth: NDArray[np.float32], reference: Reference) -> tuple[float, float]:
-    """How pixels behave at the picture's own depth edges larger than 12 mm."""
+def _edges(depth: NDArray[np.float32], least_m: float) -> tuple[float, float]:
+    """How pixels behave at the picture's own depth edges larger than ``least_m``."""
     counts = [0, 0]
     widths = []
     for z in (depth, depth.T):
@@ -66,7 +70,7 @@ def _edges(depth: NDArray[np.float32], reference: Reference) -> tuple[float, flo
         inner, outer = z[:, 1:-3], z[:, 3:-1]
         seen = (left > 0) & (middle > 0) & (right > 0) & (inner > 0) & (outer > 0)
         jump = right - left
-        edge = seen & (np.abs(jump) > 0.012)
+        edge = seen & (np.abs(jump) > least_m)
         if not edge.any():
             continue
         share = (middle[edge] - left[edge]) / jump[edge]

@@ -19,7 +19,7 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulator import KeyedDrape, Simulator
 from diagnosis.sizes import nodes, shortcuts
 from diagnosis.state_library import StateLibrary, vertex_rms
-from diagnosis.version import RESPONSES_VERSION
+from diagnosis.version import PIXELS_VERSION, RESPONSES_VERSION
 from simcore.parameters import FabricParameters
 
 Array = NDArray[np.float64]
@@ -117,7 +117,8 @@ def _key(what: str, state: KeyedDrape, scene: SimulationScene) -> str:
 
 def _effect_key(effect: Effect, state: KeyedDrape, scene: SimulationScene) -> str:
     changed = [effect.apply(scene, size) for size in nodes(effect)]
-    return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed)
+    measured = {"pixels": PIXELS_VERSION} if effect.stage is Stage.SENSOR else {}
+    return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed, **measured)
 
 
 @dataclass

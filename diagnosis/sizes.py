@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.effect import SCALAR, Effect
+from diagnosis.effect import SCALAR, Effect, Stage
 
 GRID_POINTS = 49
 
@@ -18,7 +18,8 @@ def node_values(effect: Effect) -> list[float]:
     if effect.random_repeats:
         return [component.high]
     if effect.vanishes_at_zero:
-        sizes = [0.5 * component.high, component.high]
+        steps = (0.25, 0.5, 0.75, 1.0) if effect.stage is Stage.SENSOR else (0.5, 1.0)  # rendering costs little
+        sizes = [step * component.high for step in steps]
     else:
         sizes = np.geomspace(component.low, component.high, 4).tolist()
     return [-s for s in reversed(sizes)] + sizes if component.signed else sizes

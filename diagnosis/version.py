@@ -5,3 +5,5 @@ SIMULATION_VERSION = 1
 """Raised when the solver's results change: cached drapes of another number are not used."""
 RESPONSES_VERSION = 1
 """Raised when what is measured on a simulated picture changes."""
+PIXELS_VERSION = 2
+"""The same of pixel statistics."""
