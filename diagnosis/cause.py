@@ -40,12 +40,12 @@ class CausePrior:
         """Of each single explanation."""
         weight = {name: self.scatter if get_effect(name).random_repeats else 1.0 for name in effects}
         if not pixels_seen:
-            weight = {n: w * self.unseen if _on_pixels(n) else w for n, w in weight.items()}
+            weight = {n: w * self.unseen if is_on_pixels(n) else w for n, w in weight.items()}
         rest = (1.0 - self.none - self.unknown - self.two) / sum(weight.values())
         return {"none": self.none, "unknown": self.unknown} | {name: rest * w for name, w in weight.items()}
 
 
-def _on_pixels(name: str) -> bool:
+def is_on_pixels(name: str) -> bool:
     """The effect changes pixels rather than the measured surface."""
     return get_effect(name).stage is Stage.SENSOR and name not in ("depth_scale", "depth_bias")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 
 from capture.capture_set import CaptureSet
@@ -166,6 +166,10 @@ def _conclude(
                 blocks.append(make_block(own, result.task.relative_sigma, noise))
     captures = [c for r in results for c in r.captures]
     pixels = make_pixel_block(captures, noise)
+
+    def pixels_of(fabrics: Set[str]) -> PixelBlock:
+        return make_pixel_block([c for c in captures if c.fabric in fabrics], noise)
+
     cause = name_cause(effects, blocks, pixels, model)
     gap = detect(blocks, pixels, cause, model)
     cost = Cost()
@@ -175,7 +179,7 @@ def _conclude(
         gap=gap,
         where=region_gaps(blocks, captures[0].reference.centre, _stage(cause), model.degrees, model.dimension_share),
         cause=_cause_report(cause, blocks, pixels, model),
-        shrinkage=measure_shrinkage(cause, effects, blocks, pixels, model),
+        shrinkage=measure_shrinkage(cause, effects, blocks, pixels_of, model),
         parameters_refitted=True,
         cost=CostReport(
             simulations=cost.simulations,

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Set
+
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.block import Block, PixelBlock
-from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
+from diagnosis.cause import NOT_EFFECTS, Cause, is_on_pixels, name_cause
 from diagnosis.effects import get_effect
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.report import Shrinkage
 from diagnosis.subtract import response_to
+
+PixelsOf = Callable[[Set[str]], PixelBlock]
 
 
 def response_of(block: Block, cause: Cause) -> NDArray[np.float64]:
@@ -57,12 +61,20 @@ def repeat_squares(block: Block, values: NDArray[np.float64]) -> float | None:
 
 
 def measure_shrinkage(
-    cause: Cause, effects: tuple[str, ...], blocks: list[Block], pixels: PixelBlock, model: LikelihoodModel
+    cause: Cause, effects: tuple[str, ...], blocks: list[Block], pixels_of: PixelsOf, model: LikelihoodModel
 ) -> Shrinkage | None:
     """Two-fold over fabrics: each half is judged with the effect named and fitted on the other half.
 
     Only ``stretch`` counts where there is any, as for the gap: ``hanging`` shows which folds fell rather than what is
-    missing.
+    missing. What an effect on pixels changes is no shape: it is judged by the numbers that a set shares, in standard
+    deviations.
+
+    Args:
+        cause: found on all fabrics.
+        effects: names that were tried.
+        blocks: of all fabrics.
+        pixels_of: pixel block of some fabrics, by their ids.
+        model: see there.
 
     Returns:
         None when no effect is named or there is only one fabric.
@@ -70,38 +82,48 @@ def measure_shrinkage(
     fabrics = sorted({b.fabric for b in blocks})
     if cause.top in NOT_EFFECTS or len(fabrics) < 2:
         return None
-    judged = [b for b in blocks if b.scene == "stretch"] or blocks
+    on_pixels = all(is_on_pixels(name) for name in cause.named)
+    judged = [b for b in blocks if on_pixels or b.scene == "stretch"] or blocks
     halves = (set(fabrics[::2]), set(fabrics[1::2]))
     rows: list[tuple[float, float, float]] = []
-    held_out: list[str] = []
     for held, other in (halves, halves[::-1]):
         train = [b for b in blocks if b.fabric in other]
-        found = name_cause(effects, train, pixels, model, pairs=len(cause.named) > 1)
-        for block in (b for b in judged if b.fabric in held):
-            response = response_of(block, found)
-            before, variance = refitted_residual(block, np.zeros_like(response))
-            after, _ = refitted_residual(block, response)
-            floor = repeat_squares(block, before)
-            held_out += block.captures
-            rows.append(
-                (
-                    float(np.mean(before**2)),
-                    float(np.mean(after**2)),
-                    float(np.mean(variance)) if floor is None else floor,
-                )
-            )
+        found = name_cause(effects, train, pixels_of(other), model, pairs=len(cause.named) > 1)
+        if on_pixels:
+            rows += [_pixel_row(pixels_of({fabric}), found) for fabric in sorted(held)]
+        else:
+            rows += [_shape_row(block, found) for block in judged if block.fabric in held]
     squares = np.array(rows).T
     rng = np.random.default_rng(0)
     draws = [_fraction(squares[:, rng.integers(0, len(rows), len(rows))]) for _ in range(400)]
-    values = 1e3 * np.sqrt(np.mean(squares, axis=1))
+    values = (1.0 if on_pixels else 1e3) * np.sqrt(np.mean(squares, axis=1))
     return Shrinkage(
-        held_out=tuple(sorted(held_out)),
+        held_out=tuple(sorted(capture for block in judged for capture in block.captures)),
         before=float(values[0]),
         after=float(values[1]),
         noise_floor=float(values[2]),
         fraction=_fraction(squares),
         interval_90=(float(np.quantile(draws, 0.05)), float(np.quantile(draws, 0.95))),
+        unit="standard deviations" if on_pixels else "mm",
     )
+
+
+def _shape_row(block: Block, found: Cause) -> tuple[float, float, float]:
+    """Mean squares before and after, and the floor's [m²]."""
+    response = response_of(block, found)
+    before, variance = refitted_residual(block, np.zeros_like(response))
+    after, _ = refitted_residual(block, response)
+    floor = repeat_squares(block, before)
+    return float(np.mean(before**2)), float(np.mean(after**2)), float(np.mean(variance)) if floor is None else floor
+
+
+def _pixel_row(pixels: PixelBlock, found: Cause) -> tuple[float, float, float]:
+    """The same of the numbers that a set shares, in squares of their standard deviations."""
+    left = pixels.measured
+    for name in found.named:
+        if not get_effect(name).random_repeats:
+            left = left - response_to(pixels.responses, name, found.size(name))
+    return float(np.mean(pixels.measured**2)), float(np.mean(left**2)), 1.0
 
 
 def _fraction(squares: NDArray[np.float64]) -> float:
