@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.cause import NOT_EFFECTS
+from diagnosis.block import Block
+from diagnosis.cause import NOT_EFFECTS, Cause
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, CaptureTask
+from diagnosis.reference import CELLS
+from diagnosis.shrinkage import refitted_residual, response_of
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
 MOST_PICTURES = 6
@@ -87,20 +90,40 @@ def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
             own = [c for c in result.captures if c.scene == scene]
             if own and len(pictures) < MOST_PICTURES:
                 task = next(t for t in result.task.captures if t.id == own[0].id)
-                pictures.append({"title": own[0].id, "data": _picture(task, own[0])})
+                block = next(b for b in diagnosis.blocks if b.fabric == own[0].fabric and b.scene == scene)
+                pictures.append({"title": own[0].id, "data": _picture(task, own[0], _maps(block, diagnosis.cause))})
     return pictures
 
 
-def _picture(task: CaptureTask, found: CaptureResult) -> str:
-    """Capture, simulation and their difference side by side, PNG in base64."""
+def _maps(block: Block, cause: Cause) -> list[tuple[str, NDArray[np.float64]]]:
+    """Difference in each cell of the cloth of the first capture, parameters refitted [mm], without and with the effect.
+
+    Maps are [cells, cells], row by row down the sample, whatever its shape in the picture.
+    """
+    response = response_of(block, cause)
+    shown = [("left over without an effect [mm]", np.zeros_like(response))]
+    if cause.named:
+        shown.append((f"with {' and '.join(cause.named)} [mm]", response))
+    maps = []
+    for title, taken in shown:
+        left, _ = refitted_residual(block, taken)
+        own = (block.owner == 0) & (block.cell < CELLS * CELLS)
+        table = np.full(CELLS * CELLS, np.nan)
+        table[block.cell[own]] = -1e3 * left[own]
+        maps.append((title, table.reshape(CELLS, CELLS)))
+    return maps
+
+
+def _picture(task: CaptureTask, found: CaptureResult, maps: list[tuple[str, NDArray[np.float64]]]) -> str:
+    """Capture, simulation, their difference, and what is left on the cloth's own cells; PNG in base64."""
     from matplotlib.figure import Figure
 
     rows, columns = np.nonzero(found.reference.cell >= 0)
     window = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
     depth, simulated = task.depth[window].astype(float), found.reference.depth[window].astype(float)
     difference = 1e3 * np.where((depth > 0) & (simulated > 0), simulated - depth, np.nan)
-    figure = Figure(figsize=(12, 4), layout="constrained")
-    axes: Any = figure.subplots(1, 3)
+    figure = Figure(figsize=(4.0 * (3 + len(maps)), 4), layout="constrained")
+    axes: Any = figure.subplots(1, 3 + len(maps))
     far = float(np.max(simulated))
     high = 1e3 * (far - float(np.min(simulated[simulated > 0])))
     for axis, values, title in (
@@ -114,6 +137,11 @@ def _picture(task: CaptureTask, found: CaptureResult) -> str:
     drawn = axes[2].imshow(difference, vmin=-most, vmax=most, cmap="RdBu_r")
     axes[2].set_title("capture nearer (red) or farther (blue) [mm]")
     figure.colorbar(drawn, ax=axes[2], shrink=0.8)
+    most = max(1.0, float(np.nanquantile(np.abs(maps[0][1]), 0.98)))
+    for axis, (title, table) in zip(axes[3:], maps, strict=True):
+        drawn = axis.imshow(table, vmin=-most, vmax=most, cmap="RdBu_r")
+        axis.set_title(title)
+        figure.colorbar(drawn, ax=axis, shrink=0.8)
     for axis in axes:
         axis.set_axis_off()
     content = io.BytesIO()
