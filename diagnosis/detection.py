@@ -13,11 +13,12 @@ from diagnosis.report import Gap
 from diagnosis.shrinkage import repeat_squares
 
 ALARM = 0.05
-TESTS = 3
+WEIGHTS = {"factor": 0.8, "shape": 0.1, "pixels": 0.1}
+"""Shares of the alarm rate that the tests get."""
 
 
 def detect(blocks: list[Block], pixels: PixelBlock, cause: Cause, model: LikelihoodModel) -> Gap:
-    """Three tests, the smallest p-value counts three times (Bonferroni).
+    """Three tests; each p-value counts by the share of alarms that its test gets (weighted Bonferroni).
 
     Shape: each fabric's normalised squared difference in ``stretch`` (``hanging`` where there is none), by the median
     over fabrics, so that one fabric with wrong parameters raises no alarm. Pixels: their statistics. Factor: if nothing
@@ -35,7 +36,7 @@ def detect(blocks: list[Block], pixels: PixelBlock, cause: Cause, model: Likelih
         clipped = np.minimum(pixels.measured**2, 100.0)
         p_pixel = float(chi2.sf(float(clipped.sum()) / 2.0, len(clipped)))
     p_factor = float(np.exp(min(0.0, -cause.factor)))
-    p = min(1.0, TESTS * min(p_shape, p_pixel, p_factor))
+    p = min(1.0, p_factor / WEIGHTS["factor"], p_shape / WEIGHTS["shape"], p_pixel / WEIGHTS["pixels"])
     metres = np.concatenate([b.metres(b.stated.measured) for b in chosen])
     repeats = [repeat_squares(b, b.metres(b.stated.measured)) for b in chosen]
     known = [square for square in repeats if square is not None]
