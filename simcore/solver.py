@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from simcore import lang
 from simcore.checks import check_request
 from simcore.contact import REACH_M, PanelContact
+from simcore.crossings import count_crossings
 from simcore.drape import Drape, DrapeStatus
 from simcore.grid import Grid
 from simcore.level import Level
@@ -21,6 +22,7 @@ from simcore.mesh import GridMesh
 from simcore.newton import Newton, NewtonOptions, Rest
 from simcore.parameters import FabricParameters
 from simcore.placement import Perturbation, Pins, put_up
+from simcore.resolution import kinked_share, largest_share
 from simcore.scenes import GRAVITY_M_S2, Setup
 
 Array = NDArray[np.float64]
@@ -165,4 +167,13 @@ class Solver:
             reason = f"residual {rest.residual:.2g} vertex weights after {rest.iterations} steps"
             if time.process_time() > deadline:
                 reason = f"time limit; {reason}"
+        elif crossings := count_crossings(vertices, self.mesh.triangles):
+            status = DrapeStatus.NOT_STILL
+            reason = f"the cloth passes through itself: {crossings} edges pierce a triangle"
+        elif (share := kinked_share(rest.x)) > largest_share(self.mesh.resolution_m):
+            status = DrapeStatus.UNDER_RESOLVED
+            reason = (
+                f"{100 * share:.0f} % of the sample folds by more than 45 degrees within a cell: "
+                f"use a mesh finer than {1e3 * self.mesh.resolution_m:g} mm"
+            )
         return Drape(self.mesh, vertices, status, rest.residual, energy, rest.stable, iterations, seconds, reason)

@@ -20,6 +20,10 @@ SWEEP = "dataset --materials 10 --jitters 1 --inclinations 2 --resolution 0.05 -
 COMMAND = [*PROGRAM, *shlex.split(SWEEP), "--workers", "2"]
 """The command line of :func:`small_sweep`."""
 
+SLOW_M = 0.025
+SLOW = ["--resolution", str(SLOW_M)]
+"""For the command line: half a second a drape, so that what happens in mid-run does."""
+
 SHARDS = 7
 
 

@@ -18,7 +18,15 @@ import pytest
 
 from renderer.store import Store
 from services.dataset.validation import validate_store
-from tests.services.dataset_helpers import COMMAND, SHARDS, assert_same_store, small_sweep, write_without_ray
+from tests.services.dataset_helpers import (
+    COMMAND,
+    SHARDS,
+    SLOW,
+    SLOW_M,
+    assert_same_store,
+    small_sweep,
+    write_without_ray,
+)
 from tests.services.test_dataset_sweep import wait_for_shards
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.timeout(600)]
@@ -81,7 +89,7 @@ def wait_for_nodes(address: str, count: int) -> None:
 
 def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> None:
     store, address = tmp_path / "s.zarr", f"127.0.0.1:{free_port()}"
-    undisturbed = write_without_ray(tmp_path / "undisturbed.zarr", *small_sweep())
+    undisturbed = write_without_ray(tmp_path / "undisturbed.zarr", *small_sweep(resolution_m=SLOW_M))
     client_port = free_port()
     head_arguments = [
         "--head",
@@ -94,7 +102,7 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
         ray_node([f"--address={address}"], tmp_path / "second.log") as second,
     ):
         wait_for_nodes(address, 2)
-        command = [*COMMAND, "--out", str(store), "--address", address, "--json"]
+        command = [*COMMAND, *SLOW, "--out", str(store), "--address", address, "--json"]
         with (tmp_path / "driver.log").open("w") as log:
             driver = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | CLUSTER)
         try:
@@ -108,7 +116,15 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
             driver.kill()
             driver.wait()
         (store / "checksum" / "c" / "3" / "0").unlink()
-        through_client = [*COMMAND, "--out", str(store), "--address", f"ray://127.0.0.1:{client_port}", "--resume"]
+        through_client = [
+            *COMMAND,
+            *SLOW,
+            "--out",
+            str(store),
+            "--address",
+            f"ray://127.0.0.1:{client_port}",
+            "--resume",
+        ]
         resumed = subprocess.run(
             through_client, check=False, env=os.environ | CLUSTER, capture_output=True, text=True, timeout=300
         )

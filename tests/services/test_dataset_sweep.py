@@ -14,7 +14,15 @@ from renderer.store import Store
 from services.dataset.sweep import run_sweep
 from services.dataset.validation import validate_store
 from services.dataset.worker import SimulationDone
-from tests.services.dataset_helpers import COMMAND, SHARDS, assert_same_store, small_sweep, write_without_ray
+from tests.services.dataset_helpers import (
+    COMMAND,
+    SHARDS,
+    SLOW,
+    SLOW_M,
+    assert_same_store,
+    small_sweep,
+    write_without_ray,
+)
 
 pytestmark = [pytest.mark.ray, pytest.mark.timeout(600)]
 
@@ -23,6 +31,12 @@ pytestmark = [pytest.mark.ray, pytest.mark.timeout(600)]
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small sweep's store, made without Ray by one worker."""
     return write_without_ray(tmp_path_factory.mktemp("undisturbed") / "store.zarr", *small_sweep())
+
+
+@pytest.fixture(scope="module")
+def undisturbed_slow(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same on finer meshes, which leave time to end a run in its middle."""
+    return write_without_ray(tmp_path_factory.mktemp("slow") / "store.zarr", *small_sweep(resolution_m=SLOW_M))
 
 
 def test_two_workers_give_the_bits_of_one_and_survive_a_kill(undisturbed: Path, tmp_path: Path) -> None:
@@ -43,10 +57,10 @@ def test_two_workers_give_the_bits_of_one_and_survive_a_kill(undisturbed: Path, 
 
 @pytest.mark.parametrize(("end", "exit_code"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
 def test_driver_ended_and_resumed_gives_the_undisturbed_store(
-    end: signal.Signals, exit_code: int, undisturbed: Path, tmp_path: Path
+    end: signal.Signals, exit_code: int, undisturbed_slow: Path, tmp_path: Path
 ) -> None:
     store = tmp_path / "s.zarr"
-    command = [*COMMAND, "--out", str(store), "--json"]
+    command = [*COMMAND, *SLOW, "--out", str(store), "--json"]
     with (tmp_path / "log").open("w") as log:
         driver = subprocess.Popen(command, stdout=log, stderr=log)
     try:
@@ -60,7 +74,7 @@ def test_driver_ended_and_resumed_gives_the_undisturbed_store(
     done = Store.open(store).complete.sum()
     assert 2 <= done < SHARDS, "the driver was to be ended in mid-run"
     subprocess.run([*command, "--resume"], check=True, capture_output=True, timeout=300)
-    assert_same_store(undisturbed, store)
+    assert_same_store(undisturbed_slow, store)
     assert validate_store(Store.open(store)).valid
 
 
