@@ -51,6 +51,8 @@ def sentence(diagnosis: Diagnosis) -> str:
     report = diagnosis.report
     top, p = report.cause.top, report.cause.probabilities[report.cause.top]
     gap = f"{report.gap.value:.2f} mm against a noise floor of {report.gap.noise_floor:.2f} mm"
+    if p < 0.5:
+        return f"These captures do not tell what is missing ({gap}): {top} is likeliest, with probability {p:.2f} only."
     if top == "none":
         return f"Simulation and captures agree as far as these captures can tell ({gap}; probability {p:.2f})."
     if top == "unknown":

@@ -73,7 +73,8 @@ def make_reference(drape: Drape, scene: SimulationScene, *, least_pixels: int = 
         cell[ring] = CELLS * CELLS + _side_cell(at)
         panel &= distance > 1.25 * width
     cloth_depth = np.where(seen.cloth, seen.depth, np.nan)
-    jump = np.nanmax(np.abs(np.stack(_differences(cloth_depth if not scene.setup.panel else seen.depth))), axis=0)
+    across, down = _differences(cloth_depth if not scene.setup.panel else seen.depth)
+    jump = np.fmax(np.abs(across), np.abs(down))
     edge = ndimage.binary_dilation(np.nan_to_num(jump) > 0.006, iterations=2)
     total = CELLS * CELLS + 4 * RING_CELLS
     height = _height(seen.depth, scene, seen.cloth)
