@@ -13,6 +13,8 @@ from diagnosis.report import Gap
 from diagnosis.shrinkage import repeat_squares
 
 ALARM = 0.05
+HANGING_DEGREES = 2.0
+"""Folds that were not found make heavy tails."""
 WEIGHTS = {"factor": 0.8, "shape": 0.1, "pixels": 0.1}
 """Shares of the alarm rate that the tests get."""
 
@@ -30,7 +32,8 @@ def detect(blocks: list[Block], pixels: PixelBlock, cause: Cause, model: Likelih
     ratios = np.array([float(b.stated.measured @ b.stated.measured) / len(b.stated.measured) for b in chosen])
     dimension = max(1.0, model.dimension_share * float(np.median([len(b.stated.measured) for b in chosen])))
     ratio = float(np.median(ratios))
-    p_shape = float(f_distribution.sf(ratio, dimension, model.degrees * len(chosen)))
+    degrees = model.degrees if scene == "stretch" else HANGING_DEGREES
+    p_shape = float(f_distribution.sf(ratio, dimension, degrees * len(chosen)))
     p_pixel = 1.0
     if len(pixels.measured):
         clipped = np.minimum(pixels.measured**2, 100.0)
