@@ -72,7 +72,7 @@ def model_xml(fabric: FabricParameters, mesh: GridMesh, iterations: int, damping
 
 
 def grid_order(mesh: GridMesh) -> NDArray[np.int64]:
-    """MuJoCo's number of each of our vertices, [rows, columns]: it counts along y first, from the lowest left corner."""
+    """MuJoCo's number of each of our vertices, [rows, columns]: along y first, from the lowest left corner."""
     return np.arange(mesh.vertex_count).reshape(mesh.columns, mesh.rows)[:, ::-1].T
 
 
