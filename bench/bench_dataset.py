@@ -5,8 +5,9 @@
 
 Prints a table and writes JSON. ``--costs`` instead sets simulations of several meshes beside what
 :mod:`services.dataset.cost` expects of them. CPU seconds are those of every process of the service (driver, Ray,
-workers) between the first and the last word of a worker, so they hold on a busy machine too; wall-clock numbers need a
-quiet one.
+workers) between the first and the last word of a worker; the overhead is what of them is not spent in solving and
+rendering, both counted in one run, so that it holds on a busy machine too. Wall-clock numbers need a quiet one
+(``RAY_worker_niceness=0`` gives Ray's workers the priority of everything else).
 """
 
 from __future__ import annotations
@@ -32,19 +33,23 @@ from services.dataset.cost import estimate_cost
 from services.dataset.dispatch import Dispatcher, DispatchOptions
 from services.dataset.fabrics import FabricTable, plan_sweep
 from services.dataset.inspection import inspect_store
-from services.dataset.shard import ShardTask, simulate_and_render
-from services.dataset.sweep import run_sweep
-from services.dataset.worker import SimulationDone
+from services.dataset.shard import Outcome, ShardTask, simulate_and_render
+from services.dataset.sweep import prepare_store, run_sweep
+from services.dataset.worker import ShardWorker, SimulationDone
 from simcore.solver import Solver
 
 
 @dataclass(frozen=True)
 class Run:
-    """Time per simulation [s], and how long until the first one was done."""
+    """Time per simulation [s], how long until the first was done, the CPU time of solving and rendering alone, and the
+    share of the time in which workers computed or waited for a core, and not for the driver or the store.
+    """
 
     wall_s: float
     cpu_s: float
     start_s: float
+    work_s: float
+    busy: float = 1.0
 
 
 def family_cpu_s() -> float:
@@ -58,6 +63,12 @@ def family_cpu_s() -> float:
             continue
         total += times.user + times.system
     return total
+
+
+def wanted_core_s(process_id: int) -> float:
+    """Seconds for which a process's main thread ran or stood in the queue for a core (Linux)."""
+    ran, queued, _ = Path(f"/proc/{process_id}/schedstat").read_text(encoding="ascii").split()
+    return (int(ran) + int(queued)) / 1e9
 
 
 def bare(configuration: SweepConfiguration, fabrics: FabricTable) -> Run:
@@ -74,7 +85,8 @@ def bare(configuration: SweepConfiguration, fabrics: FabricTable) -> Run:
         parameters = fabrics.parameters([material])[0]
         simulate_and_render(parameters, configuration.scenes[scene], seed, configuration, solver)
     count = layout.simulations
-    return Run((time.monotonic() - wall) / count, (time.process_time() - cpu) / count, start_s)
+    cpu_s = (time.process_time() - cpu) / count
+    return Run((time.monotonic() - wall) / count, cpu_s, start_s, cpu_s)
 
 
 def costs(resolutions: list[float], materials: int) -> Iterator[dict[str, float]]:
@@ -90,27 +102,49 @@ def costs(resolutions: list[float], materials: int) -> Iterator[dict[str, float]
         }
 
 
-def service(configuration: SweepConfiguration, fabrics: FabricTable, workers: int, url: str) -> Run:
+class TimedWorker(ShardWorker):
+    """Notes the CPU seconds that it spends in solving and rendering, in a file beside the store."""
+
+    def __init__(self, url: str, configuration: SweepConfiguration) -> None:
+        super().__init__(url, configuration)
+        from services.dataset import shard
+
+        note, plain, spent = Path(url).with_name(f"{os.getpid()}.cpu"), shard.simulate_and_render, 0.0
+
+        def timed(*arguments: Any) -> Outcome:
+            nonlocal spent
+            begun = time.process_time()
+            outcome = plain(*arguments)
+            spent += time.process_time() - begun
+            note.write_text(str(spent))
+            return outcome
+
+        shard.simulate_and_render = timed
+
+
+def service(configuration: SweepConfiguration, fabrics: FabricTable, workers: int, place: Path) -> Run:
     """The same through the service; the first word of every worker is its warm-up."""
-    began = time.monotonic()
+    place.mkdir()
+    url, began = str(place / "store.zarr"), time.monotonic()
+    shards = prepare_store(url, configuration, resume=False)
     seen: set[int] = set()
-    first: tuple[float, float, int] | None = None
-    last = (0.0, 0.0)
-    words = 0
+    first = last = (0.0, 0.0, 0.0, 0.0)
+    words = counted_from = 0
 
     def listen(word: SimulationDone) -> None:
-        nonlocal first, last, words
+        nonlocal words, counted_from, first, last
         words += 1
         seen.add(word.process_id)
-        if first is None and len(seen) == workers:
-            first = (time.monotonic(), family_cpu_s(), words)
-        elif first is not None:
-            last = (time.monotonic(), family_cpu_s())
+        if len(seen) == workers:
+            work = sum(float(note.read_text()) for note in place.glob("*.cpu"))
+            last = (time.monotonic(), family_cpu_s(), work, sum(map(wanted_core_s, seen)))
+            if not counted_from:
+                first, counted_from = last, words
 
-    run_sweep(url, configuration, fabrics, workers=workers, listen=listen)
-    assert first is not None
-    count = words - first[2]
-    return Run((last[0] - first[0]) / count, (last[1] - first[1]) / count, first[0] - began)
+    with ray_cluster("local", workers):
+        Dispatcher(url, configuration, fabrics, DispatchOptions(workers), listen, TimedWorker).run(shards)
+    wall, cpu, work, wanted = ((end - start) / (words - counted_from) for start, end in zip(first, last, strict=True))
+    return Run(wall, cpu, first[0] - began, work, wanted / wall / workers)
 
 
 def memory(tasks: int, url: str) -> list[tuple[int, int, int]]:
@@ -159,8 +193,8 @@ def draw_memory(points: list[tuple[int, int, int]], path: Path) -> None:
     for worker in sorted({process for _, process, _ in points}):
         mine = [(task, rss / 1e6) for task, process, rss in points if process == worker]
         axes.plot(*zip(*mine, strict=True), label=f"worker {worker}")
-    axes.set_ylim(bottom=0)
-    axes.legend()
+    axes.set_ylim(0, 1.25e-6 * max(rss for _, _, rss in points))
+    axes.legend(loc="lower right")
     figure.savefig(path, dpi=90)
 
 
@@ -196,14 +230,15 @@ def reading(url: str) -> dict[str, float]:
 def report(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """Run everything."""
     configuration, fabrics = plan_sweep(
-        materials=options.materials, jitters=1, resolution_m=options.resolution, simulations_per_shard=2
+        materials=options.materials, jitters=1, resolution_m=options.resolution, simulations_per_shard=options.shard
     )
     plain = bare(configuration, fabrics)
-    one = service(configuration, fabrics, 1, str(folder / "one.zarr"))
-    two = service(configuration, fabrics, 2, str(folder / "two.zarr"))
-    same = Store.open(folder / "one.zarr").checksums.tobytes() == Store.open(folder / "two.zarr").checksums.tobytes()
-    store = inspect_store(Store.open(folder / "two.zarr"))
-    points = memory(options.tasks, str(folder / "many.zarr"))
+    one = service(configuration, fabrics, 1, folder / "one")
+    two = service(configuration, fabrics, 2, folder / "two")
+    first, second = (Store.open(folder / name / "store.zarr") for name in ("one", "two"))
+    same = first.checksums.tobytes() == second.checksums.tobytes()
+    store = inspect_store(second)
+    points = memory(options.tasks, str(folder / "many.zarr")) if options.tasks else []
     if options.figure:
         draw_memory(points, options.figure)
     return {
@@ -214,10 +249,14 @@ def report(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "bare_wall_s": plain.wall_s,
         "service_cpu_s": one.cpu_s,
         "service_wall_s": one.wall_s,
-        "overhead_cpu": one.cpu_s / plain.cpu_s - 1.0,
+        "solve_and_render_cpu_s": one.work_s,
+        "overhead_cpu": one.cpu_s / one.work_s - 1.0,
         "overhead_wall": one.wall_s / plain.wall_s - 1.0,
         "two_workers_wall_s": two.wall_s,
         "two_workers_cpu_s": two.cpu_s,
+        "two_workers_overhead_cpu": two.cpu_s / two.work_s - 1.0,
+        "busy_share": one.busy,
+        "two_workers_busy_share": two.busy,
         "speed_up_wall": one.wall_s / two.wall_s,
         "start_s": one.start_s,
         "same_bits": same,
@@ -225,11 +264,10 @@ def report(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
         "bytes_per_picture": store.bytes_per_picture,
         "times_smaller_than_float32": store.float32_ratio,
         "bytes_per_simulation": store.stored_bytes / configuration.layout.simulations,
-        **reading(str(folder / "two.zarr")),
+        **reading(second.url),
         "driver_simulations_per_cpu_s": driver_words_per_cpu_s(),
         "tasks": options.tasks,
-        "rss_growth_mb": growth_mb(points),
-        "rss_mb": points[-1][2] / 1e6,
+        **({"rss_growth_mb": growth_mb(points), "rss_mb": points[-1][2] / 1e6} if points else {}),
     }
 
 
@@ -238,7 +276,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--materials", type=int, default=12)
     parser.add_argument("--resolution", type=float, default=0.01)
-    parser.add_argument("--tasks", type=int, default=1000)
+    parser.add_argument("--tasks", type=int, default=1000, help="of the memory test; 0 leaves it out")
+    parser.add_argument("--shard", type=int, default=4, help="simulations of a shard")
     parser.add_argument("--costs", help="mesh cells [m], separated by commas: check the cost estimate, nothing else")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--figure", type=Path)
