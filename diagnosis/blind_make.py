@@ -168,6 +168,7 @@ def _make_case(
         scenes=plan.scenes,
         repeats=plan.repeats,
         resolution_m=plan.resolution_m,
+        pin_radius_m=0.0,
         jitter=Jitter(1.0, 0.0004, 0.03),
         seed=1000 * plan.seed + group,
         wrong=label.wrong,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
+from scipy.stats import f as f_distribution
 
 from diagnosis.block import Block, PixelBlock, View
 from diagnosis.effect import SCALAR, Effect
@@ -23,6 +24,8 @@ from diagnosis.likelihood import (
 from diagnosis.sizes import grid, interpolation, log_prior, node_values, vector_step
 
 Array = NDArray[np.float64]
+SCATTER_FREEDOM = 4.0
+"""Degrees of freedom of a smooth random shape."""
 
 
 @dataclass(frozen=True)
@@ -165,14 +168,33 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
             rows.append(row - 0.5 * model.dimension_share * np.log(variance).sum(axis=1))
         values.append(over_views(np.stack(rows), model))
     calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
+    contradicted = sum(_scatter_contradicted(block) for block in blocks if block.scene == "stretch")
     place = dict(effect.places[0])
     return Table(
         effect.name,
         tuple(values),
-        np.repeat(calm, len(sizes)),
+        np.repeat(calm + contradicted, len(sizes)),
         log_prior(effect, sizes),
         tuple({SCALAR: float(size)} | place for size in sizes),
     )
+
+
+def _scatter_contradicted(block: Block) -> float:
+    """Log likelihood that repeats which share a difference lose under an effect that is another in each of them.
+
+    The mean over repeats and their differences would have one variance: their ratio has an F distribution.
+    """
+    count = len(block.captures)
+    if count < 2:
+        return 0.0
+    values = block.metres(block.stated.measured)
+    table = np.full((count, int(block.cell.max()) + 1), np.nan)
+    table[block.owner, block.cell] = values
+    seen = table[:, np.isfinite(table).all(axis=0)]
+    between = count * float(np.mean(seen.mean(axis=0) ** 2))
+    within = float(np.var(seen, axis=0, ddof=1).mean())
+    freedom = (SCATTER_FREEDOM, SCATTER_FREEDOM * (count - 1))
+    return min(0.0, float(f_distribution.logpdf(between / within, *freedom) - f_distribution.logpdf(1.0, *freedom)))
 
 
 def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:

@@ -69,7 +69,7 @@ def _robust_plane(basis: NDArray[np.float64], values: NDArray[np.float64]) -> ND
     keep = np.ones(len(values), dtype=bool)
     for _ in range(2):
         kept = basis[keep]
-        plane = np.linalg.solve(kept.T @ kept, kept.T @ values[keep])
+        plane = np.linalg.lstsq(kept, values[keep], rcond=None)[0]
         residual = values - basis @ plane
         spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-6
         keep = np.abs(residual) < 4 * spread

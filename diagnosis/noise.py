@@ -28,7 +28,9 @@ class NoiseModel:
         touching_m, touch_m: the same for cloth that lies on the panel, fading over this height.
         pin_m: how far each magnet is from its stated place, along x and y; another draw in every repeat.
         held_m: how far the place at which a magnet holds the cloth differs from the simulated one (common).
+        grip_share: share of the change between a magnet that holds a point and one that holds a patch (common).
         mesh_share: share of the change to a mesh of twice the cell that is the fine mesh's own error, uncertainty.
+        mesh_local: the same cell by cell, smooth.
         hanging_factor: all of this is so much larger in ``hanging``.
         length, short_length: correlation lengths of these errors, half of their variance each, in sample sizes.
         plane_m: offset and change across the panel's picture: what a stated pose and sensor are good for.
@@ -47,7 +49,9 @@ class NoiseModel:
     touch_m: float = 0.004
     pin_m: float = 0.0005
     held_m: float = 0.0003
-    mesh_share: float = 0.25
+    grip_share: float = 0.7
+    mesh_share: float = 0.7
+    mesh_local: float = 0.7
     hanging_factor: float = 3.0
     length: float = 0.15
     short_length: float = 0.04
@@ -67,7 +71,8 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
     sizes = [c.reference.count + 3 for c in captures]
     held = np.concatenate([c.responses.pins for c in captures], axis=1) * model.held_m
     mesh = np.concatenate([c.responses.mesh for c in captures]) * model.mesh_share
-    jacobian = np.vstack([stacked_jacobian(captures, sigma), held, mesh[None]])
+    grip = np.concatenate([c.responses.grip for c in captures]) * model.grip_share
+    jacobian = np.vstack([stacked_jacobian(captures, sigma), held, mesh[None], grip[None]])
     total = jacobian.T @ jacobian
     starts = np.concatenate([[0], np.cumsum(sizes)])
     for a, first in enumerate(captures):
@@ -103,4 +108,12 @@ def _smooth(first: CaptureResult, second: CaptureResult, model: NoiseModel, *, s
     cloth_a, cloth_b = a.slope > 0, b.slope > 0
     near_a, near_b = (cloth * np.exp(-np.abs(r.height) / model.touch_m) for cloth, r in ((cloth_a, a), (cloth_b, b)))
     contact = model.contact_m**2 * np.outer(cloth_a, cloth_b) + model.touching_m**2 * np.outer(near_a, near_b)
-    return np.asarray(scale**2 * kernel * (flat + slide + height) + contact)
+    mesh = model.mesh_local**2 * np.outer(
+        _on_cells(first, first.responses.mesh), _on_cells(second, second.responses.mesh)
+    )
+    return np.asarray(kernel * (scale**2 * (flat + slide + height) + mesh) + contact)
+
+
+def _on_cells(capture: CaptureResult, vector: Array) -> Array:
+    """Absolute values of a shape-and-plane vector without the plane, [cells + ring]."""
+    return np.abs(vector[: capture.reference.count])

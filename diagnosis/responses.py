@@ -27,6 +27,8 @@ PARAMETER_STEP = 0.07
 """Relative change by which the responses to the seven parameters are found."""
 PIN_STEP_M = 0.002
 """Move by which the responses to each pin's place are found."""
+PATCH_RADIUS_M = 0.011
+"""A magnet's patch: a corner and its neighbours on a 10 mm mesh."""
 COARSE_TOO_FAR_M = 0.004
 """A coarse state further from its fine origin than this fell into other folds and is not used."""
 BORROW_M = {"hanging": 0.003, "stretch": 0.0005}
@@ -40,6 +42,7 @@ class Responses:
     Attributes:
         parameters: for a relative change of one of each of the seven parameters, [7, D].
         pins: for a move of one metre of each pin along x and along y, [2 * pins, D].
+        grip: from what the stated magnets hold to a point, or from a point to a patch, [D].
         mesh: from the fine mesh to one of twice the cell, [D]; zero where both are the same.
         effects: effect name to the change of (vector [nodes, D], pixel statistics [nodes, P]) at each of its nodes.
         sensed: pixel statistics that the stated sensor gives on the state, [P].
@@ -47,6 +50,7 @@ class Responses:
 
     parameters: Array
     pins: Array
+    grip: Array
     mesh: Array
     effects: Mapping[str, tuple[Array, Array]]
     sensed: Array
@@ -80,6 +84,7 @@ def find_responses(
     return Responses(
         common["parameters"],
         common["pins"],
+        simulator.kept(_key("grip", state, scene), look.grip)["grip"],
         common["mesh"],
         {name: (rows["vector"], rows["pixels"]) for name, rows in kept.items()},
         look.sensed.pixels,
@@ -173,6 +178,17 @@ class _Look:
                 pins.append(self.change(self.fabric, scene) / PIN_STEP_M)
         mesh = measure(picture_of(self.origin.drape, self.scene), self.reference, with_pixels=False).vector()
         return {"parameters": np.stack(parameters), "pins": np.stack(pins), "mesh": _clean(mesh)}
+
+    def grip(self) -> dict[str, Array]:
+        """Magnets that hold a point, or a patch where they are stated as points; on the fine mesh."""
+        setup = self.scene.setup
+        other = 0.0 if setup.pin_radius_m > 0.5 * self.state.drape.mesh.resolution_m else PATCH_RADIUS_M
+        drape = self.simulator.proceed(
+            self.state, self.fabric, self.scene.with_setup(replace(setup, pin_radius_m=other))
+        )
+        return {
+            "grip": _clean(measure(picture_of(drape.drape, self.scene), self.reference, with_pixels=False).vector())
+        }
 
     def effect(self, effect: Effect) -> dict[str, Array]:
         """One effect at all its nodes."""
