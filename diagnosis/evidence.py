@@ -18,12 +18,13 @@ from diagnosis.likelihood import (
     over_views,
     pixel_log_likelihood,
     pixel_unknown,
-    spoiled_log_likelihood,
     view_log_likelihood,
 )
 from diagnosis.sizes import grid, interpolation, log_prior, node_values, vector_step
 
 Array = NDArray[np.float64]
+UNKNOWN_FACTORS = np.geomspace(1.5, 30.0, 13)
+"""By how much all errors are larger than modelled when something unknown is there."""
 SCATTER_FREEDOM = 4.0
 """Degrees of freedom of a smooth random shape."""
 
@@ -107,15 +108,27 @@ def tabulate_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: Likelih
 
 
 def tabulate_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
-    """Of something that no effect describes: in the shape, in the pixels or in both."""
+    """Of something that no effect describes: in the shape (all blocks off by one factor), in the pixels or in both."""
     nothing = tabulate_nothing(blocks, pixels, model)
     wild = pixel_unknown(pixels, model)
     calm = float(nothing.pixels[0])
     values = []
     for block, still in zip(blocks, nothing.blocks, strict=True):
-        spoiled = spoiled_log_likelihood(block, model)
-        values.append(np.array([spoiled, spoiled, still[0]]))
-    return Table("unknown", tuple(values), np.array([calm, wild, wild]), np.full(3, -np.log(3.0)), ({}, {}, {}))
+        larger = _larger_errors(block, model)
+        values.append(np.concatenate([larger, larger, still]))
+    count = len(UNKNOWN_FACTORS)
+    seen = np.concatenate([np.full(count, calm), np.full(count + 1, wild)])
+    prior = np.concatenate([np.full(2 * count, -np.log(3.0 * count)), [-np.log(3.0)]])
+    return Table("unknown", tuple(values), seen, prior, ({},) * len(prior))
+
+
+def _larger_errors(block: Block, model: LikelihoodModel) -> Array:
+    """Of a block whose errors are larger than modelled by each of :data:`UNKNOWN_FACTORS`, whatever their direction."""
+    view = block.stated
+    dimension = len(view.measured) * model.dimension_share
+    square = float(view.measured @ view.measured) * model.dimension_share
+    density = model.log_density(square / UNKNOWN_FACTORS**2, dimension, block.scene)
+    return np.asarray(density - dimension * np.log(UNKNOWN_FACTORS) - model.dimension_share * view.log_det)
 
 
 def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:

@@ -13,7 +13,7 @@ from diagnosis.block import Block, PixelBlock
 
 Array = NDArray[np.float64]
 FACTORS = np.geomspace(1.0, 100.0, 33)
-"""By how much errors may be larger than modelled in a spoiled block."""
+"""By how much pixel statistics may be off when something unknown is there."""
 SCALES = np.geomspace(0.3, 8.0, 25)
 """By how much errors of an ordinary block may be smaller or larger than modelled."""
 
@@ -65,15 +65,6 @@ def log_student(square: Array | float, dimension: float, degrees: float) -> Arra
         - 0.5 * dimension * np.log(degrees * np.pi)
         - 0.5 * (degrees + dimension) * np.log1p(np.asarray(square) / degrees)
     )
-
-
-def spoiled_log_likelihood(block: Block, model: LikelihoodModel) -> float:
-    """Of a block whose errors are larger than modelled by an unknown factor, log-uniform, whatever the explanation."""
-    view = block.stated
-    dimension = len(view.measured) * model.dimension_share
-    square = float(view.measured @ view.measured) * model.dimension_share
-    values = -0.5 * square / FACTORS**2 - dimension * (np.log(FACTORS) + 0.5 * np.log(2 * np.pi))
-    return float(logsumexp(values) - np.log(len(FACTORS))) - model.dimension_share * view.log_det
 
 
 def view_log_likelihood(residual: Array, response: Array, log_det: float, scene: str, model: LikelihoodModel) -> Array:
