@@ -22,8 +22,8 @@ WEIGHTS = {"factor": 0.8, "shape": 0.1, "pixels": 0.1}
 def detect(blocks: list[Block], pixels: PixelBlock, cause: Cause, model: LikelihoodModel) -> Gap:
     """Three tests; each p-value counts by the share of alarms that its test gets (weighted Bonferroni).
 
-    Shape: each fabric's normalised squared difference in ``stretch`` (``hanging`` where there is none), by the median
-    over fabrics, so that one fabric with wrong parameters raises no alarm. Pixels: their statistics. Factor: if nothing
+    Shape: each fabric's normalised squared difference in ``stretch`` (``hanging`` where there is none), by the (lower)
+    median over fabrics, so that fabrics with wrong parameters or another fold raise no alarm. Pixels: their statistics. Factor: if nothing
     is there, the captures are more than b times as probable under other explanations in at most 1/b of cases (Markov's
     inequality), so one over that factor is a p-value.
     """
@@ -31,7 +31,7 @@ def detect(blocks: list[Block], pixels: PixelBlock, cause: Cause, model: Likelih
     chosen = [b for b in blocks if b.scene == scene]
     ratios = np.array([float(b.stated.measured @ b.stated.measured) / len(b.stated.measured) for b in chosen])
     dimension = max(1.0, model.dimension_share * float(np.median([len(b.stated.measured) for b in chosen])))
-    ratio = float(np.median(ratios))
+    ratio = float(np.quantile(ratios, 0.5, method="lower"))
     degrees = model.degrees if scene == "stretch" else HANGING_DEGREES
     p_shape = float(f_distribution.sf(ratio, dimension, degrees * len(chosen)))
     p_pixel = 1.0
