@@ -23,9 +23,9 @@ def detect(blocks: list[Block], pixels: PixelBlock, cause: Cause, model: Likelih
     """Three tests; each p-value counts by the share of alarms that its test gets (weighted Bonferroni).
 
     Shape: each fabric's normalised squared difference in ``stretch`` (``hanging`` where there is none), by the (lower)
-    median over fabrics, so that fabrics with wrong parameters or another fold raise no alarm. Pixels: their statistics. Factor: if nothing
-    is there, the captures are more than b times as probable under other explanations in at most 1/b of cases (Markov's
-    inequality), so one over that factor is a p-value.
+    median over fabrics, so that fabrics with wrong parameters or another fold raise no alarm. Pixels: their
+    statistics. Factor: if nothing is there, the captures are more than b times as probable under other explanations in
+    at most 1/b of cases (Markov's inequality), so one over that factor is a p-value.
     """
     scene = "stretch" if any(b.scene == "stretch" for b in blocks) else "hanging"
     chosen = [b for b in blocks if b.scene == scene]
