@@ -35,12 +35,12 @@ def count_crossings(vertices: Array, triangles: NDArray[np.int32]) -> int:
     apart = (edges[edge][:, :, None] != triangles[triangle][:, None, :]).all(axis=(1, 2))
     edge, triangle = edge[apart], triangle[apart]
     return sum(
-        int(_pierces(vertices[edges[edge[k : k + _CHUNK]]], corners[triangle[k : k + _CHUNK]]).sum())
+        int(pierces(vertices[edges[edge[k : k + _CHUNK]]], corners[triangle[k : k + _CHUNK]]).sum())
         for k in range(0, len(edge), _CHUNK)
     )
 
 
-def _pierces(segments: Array, corners: Array) -> NDArray[np.bool_]:
+def pierces(segments: Array, corners: Array) -> NDArray[np.bool_]:
     """Whether segment and triangle of a pair cross (Möller and Trumbore 1997); shapes [N, 2, 3] and [N, 3, 3]."""
     start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
     e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from simcore.inner import inner, norm
 from simcore.mechanics import Mechanics
 from simcore.parameters import FabricParameters
 from simcore.pardiso import Factorisation
+from simcore.self_contact import SelfContact
 
 Array = NDArray[np.float64]
 ROUGH_FROM = 2000
@@ -80,14 +82,16 @@ class Level:
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
         self.forms = BendingForms.of(grid)
-        self._indptr, indices, self._slot = grid.pattern
-        self.exact = Factorisation(self._indptr, indices)
+        self._indptr, self._indices, self._slot = grid.pattern
+        self.exact = Factorisation(self._indptr, self._indices)
         self.rough = (
-            Factorisation(self._indptr, indices, single=True) if grid.rows * grid.columns > ROUGH_FROM else self.exact
+            Factorisation(self._indptr, self._indices, single=True)
+            if grid.rows * grid.columns > ROUGH_FROM
+            else self.exact
         )
         self._factored = self.exact
         rows, columns = grid.rows, grid.columns
-        self._values: Array = np.zeros(len(indices))
+        self._values: Array = np.zeros(len(self._indices))
         self._vertex_energy: Array = np.zeros((rows, columns))
         self._cell_forces: Array = np.zeros((rows - 1, columns - 1, 9))
         self._cell_hessians: Array = np.zeros((rows - 1, columns - 1, 54))
@@ -95,9 +99,17 @@ class Level:
         self.extra_force: Array = np.zeros(grid.shape)
 
     def set_up(
-        self, fabric: FabricParameters, mechanics: Mechanics, contact: PanelContact, fixed: NDArray[np.int32]
+        self,
+        fabric: FabricParameters,
+        mechanics: Mechanics,
+        contact: PanelContact,
+        fixed: NDArray[np.int32],
+        own_contact: bool = False,
     ) -> None:
-        """Choose what is solved next: fabric, mechanics, contact and the held vertices (int32, 1 = held)."""
+        """Choose what is solved next: fabric, mechanics, contact and the held vertices (int32, 1 = held).
+
+        ``own_contact``: parts of the cloth keep off each other.
+        """
         angle = mechanics.off_grain_rad
         plate = PlateRigidity.of(fabric).turned(angle)
         stiffening = 0.0 if mechanics.stiffening_strain is None else mechanics.stiffening_strain**-2
@@ -112,10 +124,13 @@ class Level:
         touched = fixed[:-1, :-1] + fixed[:-1, 1:] + fixed[1:, :-1] + fixed[1:, 1:]
         self.hourglass = np.where(touched > 0, 1.0, kernels.HOURGLASS)
         self.extra_force[:] = 0.0
+        self.own_contact = SelfContact(self.grid, self.loads.weight, fixed) if own_contact else None
 
     def energy(self, x: Array) -> float:
-        """Total potential energy [J]; infinite where a vertex is behind the panel."""
+        """Total potential energy [J]; infinite where a vertex is behind the panel or the cloth crosses itself."""
         contact = self.contact.energy(x, self.fixed)
+        if self.own_contact is not None:
+            contact += self.own_contact.energy(x)
         if not math.isfinite(contact):
             return math.inf
         elastic = kernels.membrane_energy(x, self.membrane, self.hourglass, self._vertex_energy)
@@ -132,6 +147,8 @@ class Level:
         if self.moments is not None:
             curl_kernels.curl_gradient(x, self.moments, self.fixed, out)
         self.contact.add_gradient(x, self.fixed, out)
+        if self.own_contact is not None:
+            self.own_contact.add_gradient(x, out)
         return out
 
     def residual(self, gradient: Array) -> float:
@@ -156,8 +173,21 @@ class Level:
         )
         if self.moments is not None and blend > 0.0:
             curl_kernels.curl_hessian(x, self.moments, blend, self.fixed, self._slot, self._indptr, self._values)
+        touching = None if self.own_contact is None else self.own_contact.hessian(x)
+        if touching is not None:
+            return self._factor_touching(touching)
         self._factored = self.rough if rough else self.exact
         return self._factored.factor(self._values)
+
+    def _factor_touching(self, touching: Any) -> int:
+        """Factor the assembled Hessian plus that of parts in touch, whose pattern is new each time."""
+        import scipy.sparse as sp
+
+        own = sp.csr_array((self._values, self._indices, self._indptr), shape=touching.shape)
+        whole = sp.csr_array(own + sp.triu(touching, format="csr"))
+        whole.sort_indices()
+        self._factored = Factorisation(whole.indptr.astype(np.int32), whole.indices.astype(np.int32))
+        return self._factored.factor(whole.data)
 
     def solve(self, right: Array) -> Array:
         """Solve with the last factorisation; shapes [rows, columns, 3]."""

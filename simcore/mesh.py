@@ -67,16 +67,21 @@ class GridMesh:
 
     @cached_property
     def triangles(self) -> NDArray[np.int32]:
-        """Two triangles a cell, alternating diagonals, counter-clockwise seen from +z; int32, shape [2 * cells, 3]."""
-        j, i = np.meshgrid(np.arange(self.rows - 1), np.arange(self.columns - 1), indexing="ij")
-        a = (j * self.columns + i).ravel()  # top left
-        b, c, d = a + 1, a + self.columns, a + self.columns + 1  # top right, bottom left, bottom right
-        even = ((i + j) % 2 == 0).ravel()
-        first = np.where(even[:, None], np.stack([a, c, d], 1), np.stack([a, c, b], 1))
-        second = np.where(even[:, None], np.stack([a, d, b], 1), np.stack([b, c, d], 1))
-        return np.concatenate([first, second]).astype(np.int32)
+        """Two triangles a cell, see :func:`grid_triangles`."""
+        return grid_triangles(self.rows, self.columns)
 
     @cached_property
     def uv(self) -> NDArray[np.float64]:
         """Texture coordinates in [0, 1], shape [vertex_count, 2]."""
         return np.asarray(self.material_coordinates / np.asarray(self.size_m), dtype=np.float64)
+
+
+def grid_triangles(rows: int, columns: int) -> NDArray[np.int32]:
+    """Two triangles a cell, alternating diagonals, counter-clockwise seen from +z; int32, shape [2 * cells, 3]."""
+    j, i = np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij")
+    a = (j * columns + i).ravel()  # top left
+    b, c, d = a + 1, a + columns, a + columns + 1  # top right, bottom left, bottom right
+    even = ((i + j) % 2 == 0).ravel()
+    first = np.where(even[:, None], np.stack([a, c, d], 1), np.stack([a, c, b], 1))
+    second = np.where(even[:, None], np.stack([a, d, b], 1), np.stack([b, c, d], 1))
+    return np.concatenate([first, second]).astype(np.int32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,7 +143,11 @@ def _step(level: Level, x: Array, velocity: Array, inertia: Array, pins: Pins, p
         move = level.solve(-gradient)
         longest = 2.0 * level.grid.hu / max(float(np.abs(move).max()), 1e-12)
         length = min(1.0, longest, level.contact.largest_step(x, move, level.fixed))
-        x = x + length * move
+        moved = x + length * move
+        while level.own_contact is not None and not math.isfinite(level.own_contact.energy(moved)) and length > 1e-6:
+            length *= 0.5
+            moved = x + length * move
+        x = moved
         if length == 1.0 and float(np.abs(move).max()) < 0.02 * level.grid.hu:
             break
     return x

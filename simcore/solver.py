@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from simcore.drape import Drape, DrapeStatus
 from simcore.grid import Grid
 from simcore.level import Level
 from simcore.mechanics import Jitter, Mechanics
-from simcore.mesh import GridMesh
+from simcore.mesh import GridMesh, grid_triangles
 from simcore.newton import Newton, NewtonOptions, Rest
 from simcore.parameters import FabricParameters
 from simcore.placement import Perturbation, Pins, put_up
@@ -27,7 +27,8 @@ from simcore.scenes import GRAVITY_M_S2, Setup
 
 Array = NDArray[np.float64]
 COARSEST_CELL_M = 0.02
-
+OWN_CONTACT_STEP = 0.5
+"""Cap on a vertex's move in one step where the cloth may touch itself [cells]."""
 
 COARSE_STIFFNESS_N_M = 250.0
 """Largest stretch stiffness used on 20 mm cells while coarse levels look for the folds; grows as 1 / cell²."""
@@ -55,13 +56,28 @@ def cascade(mesh: GridMesh) -> list[Grid]:
     return grids
 
 
-def prolong(x: Array, grid: Grid) -> Array:
-    """Bicubic interpolation of positions to another grid of the same sample; shape [rows, columns, 3]."""
+def prolong(x: Array, grid: Grid, degree: int = 3) -> Array:
+    """Interpolation of positions to another grid of the same sample, bicubic or bilinear; shape [rows, columns, 3]."""
     from scipy.interpolate import RectBivariateSpline
 
     v, u = np.linspace(0, 1, x.shape[0]), np.linspace(0, 1, x.shape[1])
     fine_v, fine_u = np.linspace(0, 1, grid.rows), np.linspace(0, 1, grid.columns)
-    return np.stack([RectBivariateSpline(v, u, x[..., c])(fine_v, fine_u) for c in range(3)], axis=2)
+    return np.stack(
+        [RectBivariateSpline(v, u, x[..., c], kx=degree, ky=degree)(fine_v, fine_u) for c in range(3)], axis=2
+    )
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What one call of :meth:`Solver.solve` asks for."""
+
+    fabric: FabricParameters
+    setup: Setup
+    mechanics: Mechanics
+    perturbation: Perturbation
+    start: Drape | None
+    deadline: float
+    own_contact: bool = False
 
 
 class Solver:
@@ -110,43 +126,51 @@ class Solver:
         deadline = math.inf if time_limit_s is None else began + time_limit_s
         sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
         perturbation = Perturbation.draw(setup, jitter, sequence)
-        iterations = 0
-        rest: Rest | None = None
+        problem = _Problem(fabric, setup, mechanics, perturbation, start, deadline)
+        rest, iterations = self._cascade(problem)
+        if rest.converged and count_crossings(rest.x.reshape(-1, 3), self.mesh.triangles):
+            # few drapes touch themselves: those that would pass through are put up again with that contact on
+            problem = replace(problem, own_contact=True)
+            rest, more = self._cascade(problem)
+            iterations += more
+        energy = self.levels[-1].energy(rest.x)
+        return self._drape(rest, energy, iterations, time.process_time() - began, deadline)
+
+    def _cascade(self, problem: _Problem) -> tuple[Rest, int]:
+        """From the flat sample, or where it starts, to rest on the last level, with the steps that took."""
+        start = problem.start
         levels = self.levels if start is None else self.levels[-1:]
         x = None if start is None else start.vertices.reshape(levels[-1].grid.shape).copy()
+        iterations = 0
+        rest: Rest | None = None
         for level in levels:
-            x, count = self._begin(level, x, fabric, setup, mechanics, perturbation)
+            x, count = self._begin(level, x, problem)
             last = level is levels[-1]
             options = NewtonOptions() if last else NewtonOptions(tolerance=1e-2, certify=False, iterations=60)
-            rest = Newton(level, options, deadline).minimise(x)
+            if problem.own_contact:
+                options = replace(options, largest_step=OWN_CONTACT_STEP, patches=False)
+            rest = Newton(level, options, problem.deadline).minimise(x)
             x = rest.x
             iterations += count + rest.iterations
-        assert rest is not None and x is not None
-        return self._drape(rest, levels[-1].energy(x), iterations, time.process_time() - began, deadline)
+        assert rest is not None
+        return rest, iterations
 
-    def _begin(
-        self,
-        level: Level,
-        x: Array | None,
-        fabric: FabricParameters,
-        setup: Setup,
-        mechanics: Mechanics,
-        perturbation: Perturbation,
-    ) -> tuple[Array, int]:
+    def _begin(self, level: Level, x: Array | None, problem: _Problem) -> tuple[Array, int]:
         """Set a level up for the fabric and give it positions to start from, with the steps that took."""
-        grid = level.grid
+        grid, fabric, setup, mechanics = level.grid, problem.fabric, problem.setup, problem.mechanics
+        perturbation = problem.perturbation
         pins = Pins.of(grid, setup, perturbation.pin_moves)
         contact = PanelContact.of(
             grid.areas, fabric.density * GRAVITY_M_S2, setup.panel, mechanics.adhesion_pa, mechanics.adhesion_range_m
         )
         if level is not self.levels[-1] and not pins.overstretched:
             fabric = softened(fabric, COARSE_STIFFNESS_N_M * (COARSEST_CELL_M / grid.hu) ** 2)
-        level.set_up(fabric, mechanics, contact, pins.fixed)
+        level.set_up(fabric, mechanics, contact, pins.fixed, problem.own_contact)
         steps = 0
         if x is None:
             x, steps = put_up(level, pins, perturbation)
         elif x.shape != grid.shape:
-            x = prolong(x, grid)
+            x = self._refine(level, x, problem.own_contact)
         pins.hold(x, 1.0)
         if setup.panel:
             free = pins.fixed == 0
@@ -156,6 +180,13 @@ class Solver:
             force = mechanics.friction * contact.normal_force(x, pins.fixed)
             level.contact = replace(contact, friction_force=force, anchor=x[..., :2].copy())
         return x, steps
+
+    def _refine(self, level: Level, x: Array, own_contact: bool) -> Array:
+        """Positions on a finer level: smooth, or along the coarse cells where parts in touch would cross otherwise."""
+        smooth = prolong(x, level.grid)
+        if own_contact and count_crossings(smooth.reshape(-1, 3), grid_triangles(level.grid.rows, level.grid.columns)):
+            return prolong(x, level.grid, degree=1)
+        return smooth
 
     def _drape(self, rest: Rest, energy: float, iterations: int, seconds: float, deadline: float) -> Drape:
         vertices = rest.x.reshape(-1, 3)

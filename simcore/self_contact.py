@@ -1,0 +1,183 @@
+"""Contact of the cloth with itself: a barrier between its vertices and triangles, and between its edges."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from simcore.closest import on_edges, on_triangles
+from simcore.crossings import edges_of, pierces
+from simcore.grid import Grid
+from simcore.mesh import grid_triangles
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+REACH_M = 2e-3
+"""Distance between two parts of the cloth at which they begin to push [m]; at most a fifth of a cell."""
+STIFFNESS_WEIGHTS = 5.0
+"""Barrier energy scale: this many vertex weights times the reach, as at the panel."""
+APART = 2
+"""Cells between two parts from which on they count as parts of their own."""
+SLACK_CELLS = 0.3
+"""How far vertices may go before the pairs that can touch are looked up again [cells]."""
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Pairs of parts that are near: four vertices each, signed weights that make the vector between them.
+
+    Attributes:
+        vertices: int, shape [pairs, 4].
+        weights: shape [pairs, 4]; positive ones of the first part and negative ones of the second add up to zero.
+        distance: [m], shape [pairs].
+        normal: unit vector from the second part to the first, shape [pairs, 3].
+    """
+
+    vertices: Ints
+    weights: Array
+    distance: Array
+    normal: Array
+
+
+class SelfContact:
+    """Barrier -s (t - 1)² ln t, t = distance / reach, over all near pairs; infinite where the cloth crosses itself.
+
+    Made for one grid and one fabric. Pairs that can touch are looked up in space and kept until a vertex has moved
+    ``SLACK_CELLS``. Incremental potential contact (Li et al. 2020), with the test for crossings in place of their
+    continuous collision detection.
+
+    Args:
+        grid: the vertices.
+        weight: of an inner vertex [N].
+        fixed: held vertices, int32 [rows, columns].
+    """
+
+    def __init__(self, grid: Grid, weight: float, fixed: NDArray[np.int32]) -> None:
+        cell = min(grid.hu, grid.hv)
+        self.reach = min(REACH_M, 0.2 * cell)
+        self._scale = STIFFNESS_WEIGHTS * weight * self.reach
+        self._slack = SLACK_CELLS * cell
+        self._triangles = grid_triangles(grid.rows, grid.columns).astype(np.int64)
+        self._edges = edges_of(grid_triangles(grid.rows, grid.columns)).astype(np.int64)
+        self._columns = grid.columns
+        self._free = np.repeat(fixed.ravel() == 0, 3)
+        self._at: Array | None = None
+        self._touching: tuple[Ints, Ints, Ints] | None = None
+
+    def energy(self, x: Array) -> float:
+        """[J]; infinite where the cloth crosses itself."""
+        points = x.reshape(-1, 3)
+        _, _, piercing = self._candidates(points)
+        if len(piercing):
+            segments, corners = points[self._edges[piercing[:, 0]]], points[self._triangles[piercing[:, 1]]]
+            if pierces(segments, corners).any():
+                return math.inf
+        t = self._pairs(points).distance / self.reach
+        return float(-self._scale * np.sum((t - 1.0) ** 2 * np.log(np.maximum(t, 1e-300))))
+
+    def add_gradient(self, x: Array, gradient: Array) -> None:
+        """Add the derivative to ``gradient`` [N], zero where held."""
+        pairs = self._pairs(x.reshape(-1, 3))
+        if not len(pairs.distance):
+            return
+        t = pairs.distance / self.reach
+        slope = -self._scale * (2.0 * (t - 1.0) * np.log(t) + (t - 1.0) ** 2 / t) / self.reach
+        forces = (slope[:, None] * pairs.weights)[..., None] * pairs.normal[:, None, :]
+        total = np.zeros((x.size // 3, 3))
+        np.add.at(total, pairs.vertices.ravel(), forces.reshape(-1, 3))
+        gradient += (total.ravel() * self._free).reshape(x.shape)
+
+    def hessian(self, x: Array) -> sp.csr_array | None:
+        """Second derivative along the normals [N/m], positive semi-definite, [3 V, 3 V]; None where nothing touches.
+
+        The turning of the normals is left out: it weakens a contact by its force over its distance at most.
+        """
+        pairs = self._pairs(x.reshape(-1, 3))
+        if not len(pairs.distance):
+            return None
+        t = pairs.distance / self.reach
+        stiff = -(2.0 * np.log(t) + 4.0 * (t - 1.0) / t - (t - 1.0) ** 2 / t**2) * self._scale / self.reach**2
+        row = (pairs.weights[..., None] * pairs.normal[:, None, :]).reshape(-1, 12) * np.sqrt(stiff)[:, None]
+        column = (3 * pairs.vertices[..., None] + np.arange(3)).reshape(-1, 12)
+        row *= self._free[column]
+        number = np.repeat(np.arange(len(row)), 12)
+        factor = sp.csr_array((row.ravel(), (number, column.ravel())), shape=(len(row), x.size))
+        return sp.csr_array(factor.T @ factor)
+
+    def _pairs(self, points: Array) -> Pairs:
+        """Pairs within reach."""
+        corners, ends, _ = self._candidates(points)
+        parts = []
+        if len(corners):
+            vertex, triangle = corners.T
+            shares = on_triangles(points[vertex], points[self._triangles[triangle]])
+            members = np.concatenate([vertex[:, None], self._triangles[triangle]], axis=1)
+            parts.append((members, np.concatenate([np.ones((len(shares), 1)), -shares], axis=1)))
+        if len(ends):
+            one, two = self._edges[ends[:, 0]], self._edges[ends[:, 1]]
+            s, t = on_edges(points[one], points[two])
+            parts.append((np.concatenate([one, two], axis=1), np.stack([1.0 - s, s, t - 1.0, -t], axis=1)))
+        if not parts:
+            return Pairs(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros(0), np.zeros((0, 3)))
+        members = np.concatenate([p[0] for p in parts])
+        weights = np.concatenate([p[1] for p in parts])
+        between = np.einsum("nk,nkc->nc", weights, points[members])
+        distance = np.linalg.norm(between, axis=1)
+        near = distance < self.reach
+        distance = np.maximum(distance[near], 1e-12)
+        return Pairs(members[near], weights[near], distance, between[near] / distance[:, None])
+
+    def _candidates(self, points: Array) -> tuple[Ints, Ints, Ints]:
+        """(vertex, triangle), (edge, edge) and (edge, triangle) that can touch until vertices have moved the slack."""
+        if self._at is None or self._touching is None or np.abs(points - self._at).max() > self._slack / math.sqrt(3.0):
+            self._at = points.copy()
+            self._touching = self._look_up(points)
+        return self._touching
+
+    def _look_up(self, points: Array) -> tuple[Ints, Ints, Ints]:
+        corners, ends = points[self._triangles], points[self._edges]
+        centres, middles = corners.mean(axis=1), ends.mean(axis=1)
+        wide = float(np.linalg.norm(corners - centres[:, None], axis=2).max())
+        long = 0.5 * float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
+        clear = self.reach + 2.0 * self._slack
+        of_triangles, of_edges = cKDTree(centres), cKDTree(middles)
+        vertices = np.arange(len(points))[:, None]
+        corner_pairs = self._apart(_near(cKDTree(points), of_triangles, wide + clear), vertices, self._triangles)
+        corner_pairs = corner_pairs[self._gaps(points, points, corner_pairs) < clear]
+        edge_pairs = of_edges.query_pairs(2.0 * long + clear, output_type="ndarray").astype(np.int64)
+        edge_pairs = self._apart(edge_pairs, self._edges, self._edges)
+        s, t = on_edges(ends[edge_pairs[:, 0]], ends[edge_pairs[:, 1]])
+        between = _along(ends[edge_pairs[:, 0]], s) - _along(ends[edge_pairs[:, 1]], t)
+        edge_pairs = edge_pairs[np.linalg.norm(between, axis=1) < clear]
+        piercing = self._apart(_near(of_edges, of_triangles, long + wide + clear), self._edges, self._triangles)
+        piercing = piercing[self._gaps(middles, points, piercing) < long + clear]
+        return corner_pairs, edge_pairs, piercing
+
+    def _gaps(self, places: Array, points: Array, pairs: Ints) -> Array:
+        """Distance of a place from a triangle, for each pair [m]."""
+        corners = points[self._triangles[pairs[:, 1]]]
+        closest = np.einsum("nk,nkc->nc", on_triangles(places[pairs[:, 0]], corners), corners)
+        return np.asarray(np.linalg.norm(places[pairs[:, 0]] - closest, axis=1))
+
+    def _apart(self, pairs: Ints, first: Ints, second: Ints) -> Ints:
+        """Those pairs of which every vertex is ``APART`` cells from every vertex of the other part."""
+        a, b = first[pairs[:, 0]], second[pairs[:, 1]]
+        rows = np.abs(a[:, :, None] // self._columns - b[:, None, :] // self._columns)
+        columns = np.abs(a[:, :, None] % self._columns - b[:, None, :] % self._columns)
+        return np.asarray(pairs[(np.maximum(rows, columns) >= APART).all(axis=(1, 2))])
+
+
+def _near(first: cKDTree, second: cKDTree, radius: float) -> Ints:
+    found = first.sparse_distance_matrix(second, radius, output_type="ndarray")
+    order = np.lexsort((found["j"], found["i"]))
+    return np.stack([found["i"][order], found["j"][order]], axis=1).astype(np.int64)
+
+
+def _along(ends: Array, share: Array) -> Array:
+    return np.asarray(ends[:, 0] + share[:, None] * (ends[:, 1] - ends[:, 0]))

@@ -1,0 +1,101 @@
+"""Cloth that would pass through itself: energies, derivatives, and a drape that touches itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from simcore.closest import on_edges, on_triangles
+from simcore.crossings import count_crossings
+from simcore.grid import Grid
+from simcore.mesh import grid_triangles
+from simcore.self_contact import SelfContact
+
+GRID = Grid(9, 21, 0.02, 0.02)
+FREE = np.zeros((9, 21), dtype=np.int32)
+WEIGHT = 1e-3
+
+
+def folded(gap: float) -> np.ndarray:
+    """A sheet folded over itself with its halves ``gap`` apart, a little askew."""
+    x = GRID.rest.copy()
+    over = np.arange(21) > 10
+    x[:, over, 0] = GRID.rest[:, 10, 0][:, None] - (GRID.rest[:, over, 0] - GRID.rest[:, 10, 0][:, None]) + 0.003
+    x[:, over, 2] = gap
+    x[:, over, 1] += 0.004
+    rng = np.random.default_rng(3)
+    return x + 1e-4 * rng.standard_normal(x.shape)
+
+
+def test_closest_points_are_no_farther_than_any_others() -> None:
+    rng = np.random.default_rng(0)
+    points, corners = rng.standard_normal((300, 3)), rng.standard_normal((300, 3, 3))
+    shares = on_triangles(points, corners)
+    assert (shares >= -1e-12).all() and shares.sum(axis=1) == pytest.approx(np.ones(300))
+    found = np.linalg.norm(points - np.einsum("nk,nkc->nc", shares, corners), axis=1)
+    tried = rng.dirichlet(np.ones(3), 4000)
+    others = np.linalg.norm(points[:, None] - np.einsum("mk,nkc->nmc", tried, corners), axis=2).min(axis=1)
+    assert (found <= others + 1e-12).all() and (found >= others - 0.15).all()
+    first, second = corners[:, :2], rng.standard_normal((300, 2, 3))
+    s, t = on_edges(first, second)
+    found = np.linalg.norm(first[:, 0] + s[:, None] * (first[:, 1] - first[:, 0])
+                           - second[:, 0] - t[:, None] * (second[:, 1] - second[:, 0]), axis=1)  # fmt: skip
+    a, b = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 41)))
+    ones = first[:, :1] + a[None, :, None] * (first[:, 1:] - first[:, :1])
+    twos = second[:, :1] + b[None, :, None] * (second[:, 1:] - second[:, :1])
+    others = np.linalg.norm(ones - twos, axis=2).min(axis=1)
+    assert (found <= others + 1e-12).all() and (found >= others - 0.1).all()
+
+
+def test_a_sheet_by_itself_and_parts_out_of_reach_cost_nothing() -> None:
+    for x in (GRID.rest, folded(0.006)):
+        contact = SelfContact(GRID, WEIGHT, FREE)
+        gradient = np.zeros(GRID.shape)
+        contact.add_gradient(x, gradient)
+        assert contact.energy(x) == 0.0 and not gradient.any() and contact.hessian(x) is None
+
+
+def test_the_nearer_the_dearer_and_through_is_forbidden() -> None:
+    energies = [SelfContact(GRID, WEIGHT, FREE).energy(folded(gap)) for gap in (0.0018, 0.0015, 0.0012)]
+    assert 0.0 < energies[0] < energies[1] < energies[2] < math.inf
+    tilted = folded(0.003)
+    tilted[:, 11:, 2] -= 0.03 * (np.arange(10) / 10)
+    assert count_crossings(tilted.reshape(-1, 3), grid_triangles(9, 21)) > 0
+    assert SelfContact(GRID, WEIGHT, FREE).energy(tilted) == math.inf
+
+
+def test_gradient_is_the_derivative_and_the_hessian_its_main_part() -> None:
+    x = folded(0.0014)
+    held = FREE.copy()
+    held[0] = 1
+    contact = SelfContact(GRID, WEIGHT, held)
+    gradient = np.zeros(GRID.shape)
+    contact.add_gradient(x, gradient)
+    assert not gradient[0].any()
+    rng = np.random.default_rng(1)
+    along = rng.standard_normal(GRID.shape) * (held == 0)[..., None]
+    step = 1e-8
+    measured = (contact.energy(x + step * along) - contact.energy(x - step * along)) / (2.0 * step)
+    assert measured == pytest.approx(float(np.vdot(gradient, along)), rel=1e-5)
+    hessian = contact.hessian(x)
+    assert hessian is not None
+    values = np.linalg.eigvalsh(hessian.toarray())
+    assert values.min() > -1e-9 * values.max()
+    flat = np.zeros(GRID.shape)
+    flat[:, 11:, 2] = 1.0  # apart along the normals, nothing turns
+    flat *= (held == 0)[..., None]
+    ahead, behind = np.zeros(GRID.shape), np.zeros(GRID.shape)
+    contact.add_gradient(x + 1e-7 * flat, ahead)
+    contact.add_gradient(x - 1e-7 * flat, behind)
+    measured = float(np.vdot(flat, ahead - behind)) / 2e-7
+    assert measured == pytest.approx(float(flat.ravel() @ (hessian @ flat.ravel())), rel=0.05)
+
+
+def test_momentum_is_kept() -> None:
+    contact = SelfContact(GRID, WEIGHT, FREE)
+    gradient = np.zeros(GRID.shape)
+    contact.add_gradient(folded(0.0013), gradient)
+    assert np.abs(gradient).max() > 0.0
+    assert gradient.sum(axis=(0, 1)) == pytest.approx(np.zeros(3), abs=1e-12 * np.abs(gradient).max() * gradient.size)
