@@ -49,10 +49,8 @@ def one(solver: Solver, fabric: FabricParameters, scene: Scene, seed: int) -> di
 
 def table(rows: list[dict[str, Any]]) -> list[str]:
     """Markdown, a line a class."""
-    lines = [
-        "| bending length [mm] | drapes | still and certified | behind the panel | through itself | CPU s: median | 95 % |"
-    ]
-    lines.append("|---|---|---|---|---|---|---|")
+    head = ("bending length [mm]", "drapes", "still, certified", "behind the panel", "through itself", "median s", "95 %")
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     bounds = [*pairwise(BOUNDS_MM), (0.0, np.inf)]
     for low, high in bounds:
         own = [row for row in rows if low <= row["length_mm"] < high]
