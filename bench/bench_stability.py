@@ -49,7 +49,7 @@ def one(solver: Solver, fabric: FabricParameters, scene: Scene, seed: int) -> di
 
 def table(rows: list[dict[str, Any]]) -> list[str]:
     """Markdown, a line a class."""
-    head = ("bending length [mm]", "drapes", "still, certified", "behind the panel", "through itself", "median s", "95 %")
+    head = ("bending length [mm]", "drapes", "certified", "behind the panel", "through itself", "median s", "95%")
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     bounds = [*pairwise(BOUNDS_MM), (0.0, np.inf)]
     for low, high in bounds:

@@ -128,12 +128,13 @@ class Solver:
         perturbation = Perturbation.draw(setup, jitter, sequence)
         problem = _Problem(fabric, setup, mechanics, perturbation, start, deadline)
         rest, iterations = self._cascade(problem)
+        energy = self.levels[-1].energy(rest.x)
         if rest.converged and count_crossings(rest.x.reshape(-1, 3), self.mesh.triangles):
             # few drapes touch themselves: those that would pass through are put up again with that contact on
-            problem = replace(problem, own_contact=True)
-            rest, more = self._cascade(problem)
+            again, more = self._cascade(replace(problem, own_contact=True))
             iterations += more
-        energy = self.levels[-1].energy(rest.x)
+            if again.converged:
+                rest, energy = again, self.levels[-1].energy(again.x)
         return self._drape(rest, energy, iterations, time.process_time() - began, deadline)
 
     def _cascade(self, problem: _Problem) -> tuple[Rest, int]:
@@ -145,13 +146,16 @@ class Solver:
         rest: Rest | None = None
         for level in levels:
             x, count = self._begin(level, x, problem)
+            iterations += count
+            if problem.own_contact and not math.isfinite(level.energy(x)):
+                return Rest(x, math.inf, False, 0, False), iterations  # finer cells let parts cross: nowhere to start
             last = level is levels[-1]
             options = NewtonOptions() if last else NewtonOptions(tolerance=1e-2, certify=False, iterations=60)
             if problem.own_contact:
                 options = replace(options, largest_step=OWN_CONTACT_STEP, patches=False)
             rest = Newton(level, options, problem.deadline).minimise(x)
             x = rest.x
-            iterations += count + rest.iterations
+            iterations += rest.iterations
         assert rest is not None
         return rest, iterations
 
