@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.block import Block, PixelBlock
-from diagnosis.cause import NOT_EFFECTS, Cause, is_on_pixels, name_cause
+from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
+from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.report import Shrinkage
 from diagnosis.subtract import response_to
 
+PLAIN = 3.0
+"""Standard deviations beyond which a shared number shows an effect."""
 PixelsOf = Callable[[Set[str]], PixelBlock]
 
 
@@ -66,8 +69,8 @@ def measure_shrinkage(
     """Two-fold over fabrics: each half is judged with the effect named and fitted on the other half.
 
     Only ``stretch`` counts where there is any, as for the gap: ``hanging`` shows which folds fell rather than what is
-    missing. What an effect on pixels changes is no shape: it is judged by the numbers that a set shares, in standard
-    deviations.
+    missing. What camera and sensor change is no shape: it is judged by the numbers that a set shares (pixel statistics,
+    the panel's plane), in standard deviations, where they show it.
 
     Args:
         cause: found on all fabrics.
@@ -82,21 +85,23 @@ def measure_shrinkage(
     fabrics = sorted({b.fabric for b in blocks})
     if cause.top in NOT_EFFECTS or len(fabrics) < 2:
         return None
-    on_pixels = all(is_on_pixels(name) for name in cause.named)
-    judged = [b for b in blocks if on_pixels or b.scene == "stretch"] or blocks
+    numbers = pixels_of(set(fabrics)).measured
+    in_numbers = all(get_effect(name).stage in (Stage.CAMERA, Stage.SENSOR) for name in cause.named)
+    in_numbers = in_numbers and len(numbers) > 0 and float(np.max(np.abs(numbers))) > PLAIN
+    judged = [b for b in blocks if in_numbers or b.scene == "stretch"] or blocks
     halves = (set(fabrics[::2]), set(fabrics[1::2]))
     rows: list[tuple[float, float, float]] = []
     for held, other in (halves, halves[::-1]):
         train = [b for b in blocks if b.fabric in other]
         found = name_cause(effects, train, pixels_of(other), model, pairs=len(cause.named) > 1)
-        if on_pixels:
+        if in_numbers:
             rows += [_pixel_row(pixels_of({fabric}), found) for fabric in sorted(held)]
         else:
             rows += [_shape_row(block, found) for block in judged if block.fabric in held]
     squares = np.array(rows).T
     rng = np.random.default_rng(0)
     draws = [_fraction(squares[:, rng.integers(0, len(rows), len(rows))]) for _ in range(400)]
-    values = (1.0 if on_pixels else 1e3) * np.sqrt(np.mean(squares, axis=1))
+    values = (1.0 if in_numbers else 1e3) * np.sqrt(np.mean(squares, axis=1))
     return Shrinkage(
         held_out=tuple(sorted(capture for block in judged for capture in block.captures)),
         before=float(values[0]),
@@ -104,7 +109,7 @@ def measure_shrinkage(
         noise_floor=float(values[2]),
         fraction=_fraction(squares),
         interval_90=(float(np.quantile(draws, 0.05)), float(np.quantile(draws, 0.95))),
-        unit="standard deviations" if on_pixels else "mm",
+        unit="standard deviations" if in_numbers else "mm",
     )
 
 
