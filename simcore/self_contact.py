@@ -24,6 +24,8 @@ STIFFNESS_WEIGHTS = 5.0
 """Barrier energy scale: this many vertex weights times the reach, as at the panel."""
 APART = 2
 """Cells between two parts from which on they count as parts of their own."""
+FAR = 4
+"""Cells along the cloth from which on nearness in space means a fold."""
 SLACK_CELLS = 0.3
 """How far vertices may go before the pairs that can touch are looked up again [cells]."""
 
@@ -141,29 +143,55 @@ class SelfContact:
         return self._touching
 
     def _look_up(self, points: Array) -> tuple[Ints, Ints, Ints]:
-        corners, ends = points[self._triangles], points[self._edges]
+        """The search proper, among the parts that a fold brings near each other."""
+        clear = self.reach + 2.0 * self._slack
+        folded = self._folded(points, clear)
+        if not folded.any():
+            nothing = np.zeros((0, 2), dtype=np.int64)
+            return nothing, nothing, nothing
+        triangles = np.flatnonzero(folded[self._triangles].any(axis=1))
+        edges = np.flatnonzero(folded[self._edges].any(axis=1))
+        vertices = np.flatnonzero(folded)
+        corner_pairs, edge_pairs, piercing = self._search(points, clear, vertices, edges, triangles)
+        corner_pairs = np.stack([vertices[corner_pairs[:, 0]], triangles[corner_pairs[:, 1]]], axis=1)
+        piercing = np.stack([edges[piercing[:, 0]], triangles[piercing[:, 1]]], axis=1)
+        return corner_pairs, edges[edge_pairs], piercing
+
+    def _folded(self, points: Array, clear: float) -> NDArray[np.bool_]:
+        """Vertices with others near them in space that are far along the cloth, and their neighbours; [V]."""
+        from scipy.ndimage import binary_dilation
+
+        ends = points[self._edges]
+        longest = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
+        pairs = cKDTree(points).query_pairs(clear + longest, output_type="ndarray")
+        rows, columns = pairs // self._columns, pairs % self._columns
+        far = np.maximum(np.abs(rows[:, 0] - rows[:, 1]), np.abs(columns[:, 0] - columns[:, 1])) >= FAR
+        found = np.zeros(len(points), dtype=bool)
+        found[pairs[far].ravel()] = True
+        grid = found.reshape(-1, self._columns)
+        return np.asarray(binary_dilation(grid, np.ones((3, 3), dtype=bool), APART).ravel() if found.any() else found)
+
+    def _search(
+        self, points: Array, clear: float, chosen: Ints, edges: Ints, triangles: Ints
+    ) -> tuple[Ints, Ints, Ints]:
+        """Pairs among the chosen vertices, edges and triangles, by their place in those lists."""
+        tris, sides = self._triangles[triangles], self._edges[edges]
+        corners, ends = points[tris], points[sides]
         centres, middles = corners.mean(axis=1), ends.mean(axis=1)
         wide = float(np.linalg.norm(corners - centres[:, None], axis=2).max())
         long = 0.5 * float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
-        clear = self.reach + 2.0 * self._slack
         of_triangles, of_edges = cKDTree(centres), cKDTree(middles)
-        vertices = np.arange(len(points))[:, None]
-        corner_pairs = self._apart(_near(cKDTree(points), of_triangles, wide + clear), vertices, self._triangles)
-        corner_pairs = corner_pairs[self._gaps(points, points, corner_pairs) < clear]
+        own = points[chosen]
+        corner_pairs = self._apart(_near(cKDTree(own), of_triangles, wide + clear), chosen[:, None], tris)
+        corner_pairs = corner_pairs[_gaps(own, corners, corner_pairs) < clear]
         edge_pairs = of_edges.query_pairs(2.0 * long + clear, output_type="ndarray").astype(np.int64)
-        edge_pairs = self._apart(edge_pairs, self._edges, self._edges)
+        edge_pairs = self._apart(edge_pairs, sides, sides)
         s, t = on_edges(ends[edge_pairs[:, 0]], ends[edge_pairs[:, 1]])
         between = _along(ends[edge_pairs[:, 0]], s) - _along(ends[edge_pairs[:, 1]], t)
         edge_pairs = edge_pairs[np.linalg.norm(between, axis=1) < clear]
-        piercing = self._apart(_near(of_edges, of_triangles, long + wide + clear), self._edges, self._triangles)
-        piercing = piercing[self._gaps(middles, points, piercing) < long + clear]
+        piercing = self._apart(_near(of_edges, of_triangles, long + wide + clear), sides, tris)
+        piercing = piercing[_gaps(middles, corners, piercing) < long + clear]
         return corner_pairs, edge_pairs, piercing
-
-    def _gaps(self, places: Array, points: Array, pairs: Ints) -> Array:
-        """Distance of a place from a triangle, for each pair [m]."""
-        corners = points[self._triangles[pairs[:, 1]]]
-        closest = np.einsum("nk,nkc->nc", on_triangles(places[pairs[:, 0]], corners), corners)
-        return np.asarray(np.linalg.norm(places[pairs[:, 0]] - closest, axis=1))
 
     def _apart(self, pairs: Ints, first: Ints, second: Ints) -> Ints:
         """Those pairs of which every vertex is ``APART`` cells from every vertex of the other part."""
@@ -181,3 +209,10 @@ def _near(first: cKDTree, second: cKDTree, radius: float) -> Ints:
 
 def _along(ends: Array, share: Array) -> Array:
     return np.asarray(ends[:, 0] + share[:, None] * (ends[:, 1] - ends[:, 0]))
+
+
+def _gaps(places: Array, corners: Array, pairs: Ints) -> Array:
+    """Distance of a place from a triangle, for each pair [m]."""
+    own, theirs = places[pairs[:, 0]], corners[pairs[:, 1]]
+    closest = np.einsum("nk,nkc->nc", on_triangles(own, theirs), theirs)
+    return np.asarray(np.linalg.norm(own - closest, axis=1))
