@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -33,12 +33,25 @@ class NewCapture:
         scene: ``hanging`` or ``stretch``.
         density: of the fabric [kg/m²], where known; only used for a new fabric.
         setup: keys of the format's ``setup`` for a set that is new.
+        parameters: the fabric's six others, SI, where known, with the relative uncertainty ``parameters_cv``.
     """
 
     fabric: str
     scene: str
     density: float | None = None
     setup: dict[str, Any] | None = None
+    parameters: Mapping[str, float] | None = None
+    parameters_cv: float | None = None
+
+
+def _fabric(new: NewCapture) -> dict[str, Any]:
+    """The fabric's entry."""
+    entry: dict[str, Any] = {"id": new.fabric, "density": new.density, "parameters": None}
+    if new.parameters is not None:
+        entry["parameters"] = dict(new.parameters)
+        if new.parameters_cv is not None:
+            entry["parameters_cv"] = entry["density_cv"] = new.parameters_cv
+    return entry
 
 
 def temporal_median(frames: Iterable[Frame]) -> Frame:
@@ -99,7 +112,7 @@ def record_capture(source: DepthSource, folder: str | Path, new: NewCapture, *, 
         entry["camera"] = camera
     document["captures"].append(entry)
     if all(fabric["id"] != new.fabric for fabric in document["fabrics"]):
-        document["fabrics"].append({"id": new.fabric, "density": new.density, "parameters": None})
+        document["fabrics"].append(_fabric(new))
     checked = parse_document(json.dumps(document), str(folder / CAPTURES_FILE))
     path = picture_path(folder, entry["depth"])
     counts = temporal_median(islice(source.frames(), frames))

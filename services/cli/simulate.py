@@ -44,8 +44,8 @@ def simulate(
     and a capture set takes still drapes only.
 
     The depth picture is 256 x 256 pixels, fx = fy = 320, cx = cy = 127.5, 0.1 mm a count, taken 0.9 m before the
-    panel at the height of the sample's middle. A capture set records that camera and the nominal set-up, not the
-    effects.
+    panel at the height of the sample's middle. A capture set records that camera, the nominal set-up and the
+    fabric's parameters, not the effects.
 
     \b
     Example:

@@ -13,8 +13,10 @@ from diagnosis.scene import SimulationScene
 from renderer.camera import Camera
 from simcore.drape import Drape
 from simcore.errors import InputError
-from simcore.parameters import FabricParameters
+from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 
+SIMULATED_CV = 0.01
+"""Relative uncertainty that a simulated capture set states of its fabrics' parameters: they are known."""
 SENSOR_STREAM = 1
 """Spawn key of the sensor's noise; the solver's jitter uses the seed itself."""
 
@@ -89,5 +91,12 @@ def add_capture(
         "pin_radius_m": nominal.setup.pin_radius_m,
     }
     source = OnePicture(nominal.camera, quantise_depth(picture, nominal.camera.depth_unit_m))
-    new = NewCapture(fabric=fabric, scene=nominal.setup.scene.value, density=cloth.density, setup=setup)
+    new = NewCapture(
+        fabric=fabric,
+        scene=nominal.setup.scene.value,
+        density=cloth.density,
+        parameters={name: getattr(cloth, name) for name in ESTIMATED_NAMES},
+        parameters_cv=SIMULATED_CV,
+        setup=setup,
+    )
     record_capture(source, folder, new)

@@ -131,6 +131,8 @@ def test_pictures_add_up_to_a_capture_set(parameters: Path, tmp_path: Path) -> N
     captures = CaptureSet.load(folder).captures
     assert [(c.fabric.id, c.scene, c.repeat) for c in captures] == [("f1", "hanging", 0), ("f1", "hanging", 1)]
     assert captures[0].fabric.density == FABRIC["density"]
+    stated = captures[0].fabric.parameters
+    assert stated is not None and stated.stretch_warp == FABRIC["stretch_warp"]
     assert captures[0].camera == CANONICAL_CAMERA
     assert np.array_equal(captures[0].camera_from_panel, frontal_pose())  # nominal: the effect is not given away
 
