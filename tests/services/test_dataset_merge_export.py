@@ -87,7 +87,7 @@ def test_a_folder_that_is_there_is_not_written_into(stores: list[Store], tmp_pat
 
 def test_cost_grows_with_the_sweep_and_shrinks_with_workers() -> None:
     coarse, fine = (small_sweep(resolution_m=h)[0] for h in (0.02, 0.005))
-    assert estimate_cost(fine, 1).core_hours > 5 * estimate_cost(coarse, 1).core_hours
+    assert estimate_cost(fine, 1).core_hours > 2 * estimate_cost(coarse, 1).core_hours
     assert estimate_cost(fine, 4).hours == pytest.approx(estimate_cost(fine, 1).hours / 4)
     assert estimate_cost(fine, 1, simulations=5).simulations == 5
     assert estimate_cost(coarse, 1).pictures == 40

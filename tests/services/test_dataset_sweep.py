@@ -62,7 +62,7 @@ def test_driver_ended_and_resumed_gives_the_undisturbed_store(
     store = tmp_path / "s.zarr"
     command = [*COMMAND, *SLOW, "--out", str(store), "--json"]
     with (tmp_path / "log").open("w") as log:
-        driver = subprocess.Popen(command, stdout=log, stderr=log)
+        driver = subprocess.Popen(command, stdout=log, stderr=log, preexec_fn=_heed_interrupts)
     try:
         wait_for_shards(store, 2, driver)
         driver.send_signal(end)
@@ -76,6 +76,11 @@ def test_driver_ended_and_resumed_gives_the_undisturbed_store(
     subprocess.run([*command, "--resume"], check=True, capture_output=True, timeout=300)
     assert_same_store(undisturbed_slow, store)
     assert validate_store(Store.open(store)).valid
+
+
+def _heed_interrupts() -> None:
+    """A shell that runs the tests in the background has its children ignore Ctrl-C; the driver shall not."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def wait_for_shards(store: Path, count: int, process: subprocess.Popen[bytes]) -> None:
