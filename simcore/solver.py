@@ -129,13 +129,14 @@ class Solver:
         problem = _Problem(fabric, setup, mechanics, perturbation, start, deadline)
         rest, iterations = self._cascade(problem)
         energy = self.levels[-1].energy(rest.x)
-        if rest.converged and count_crossings(rest.x.reshape(-1, 3), self.mesh.triangles):
+        crossings = self._crossings(rest)
+        if crossings:
             # few drapes touch themselves: those that would pass through are put up again with that contact on
             again, more = self._cascade(replace(problem, own_contact=True))
             iterations += more
             if again.converged:
-                rest, energy = again, self.levels[-1].energy(again.x)
-        return self._drape(rest, energy, iterations, time.process_time() - began, deadline)
+                rest, energy, crossings = again, self.levels[-1].energy(again.x), self._crossings(again)
+        return self._drape(rest, energy, crossings, iterations, time.process_time() - began, deadline)
 
     def _cascade(self, problem: _Problem) -> tuple[Rest, int]:
         """From the flat sample, or where it starts, to rest on the last level, with the steps that took."""
@@ -192,7 +193,13 @@ class Solver:
             return prolong(x, level.grid, degree=1)
         return smooth
 
-    def _drape(self, rest: Rest, energy: float, iterations: int, seconds: float, deadline: float) -> Drape:
+    def _crossings(self, rest: Rest) -> int:
+        """Edges of a drape at rest that pierce its triangles."""
+        return count_crossings(rest.x.reshape(-1, 3), self.mesh.triangles) if rest.converged else 0
+
+    def _drape(
+        self, rest: Rest, energy: float, crossings: int, iterations: int, seconds: float, deadline: float
+    ) -> Drape:
         vertices = rest.x.reshape(-1, 3)
         status, reason = DrapeStatus.STILL, ""
         if not np.isfinite(vertices).all() or not math.isfinite(rest.residual):
@@ -202,7 +209,7 @@ class Solver:
             reason = f"residual {rest.residual:.2g} vertex weights after {rest.iterations} steps"
             if time.process_time() > deadline:
                 reason = f"time limit; {reason}"
-        elif crossings := count_crossings(vertices, self.mesh.triangles):
+        elif crossings:
             status = DrapeStatus.NOT_STILL
             reason = f"the cloth passes through itself: {crossings} edges pierce a triangle"
         elif (share := kinked_share(rest.x)) > largest_share(self.mesh.resolution_m):

@@ -10,7 +10,7 @@ from services.dataset.configuration import SweepConfiguration
 
 # Measured on one core (docs/benchmarks.md, "Dataset service"), fabrics of the prior, both scenes together.
 _VERTICES = (121.0, 676.0, 2601.0, 10201.0)
-_SECONDS_A_SIMULATION = (0.22, 3.1, 5.6, 11.0)
+_SECONDS_A_SIMULATION = (0.22, 1.44, 2.78, 6.9)
 _SECONDS_A_PICTURE = 0.006
 _BYTES_A_PICTURE = 15e3
 _BYTES_A_VERTEX = 11.0
