@@ -58,6 +58,9 @@ def dataset(
     workers: int | None = typer.Option(None, "--workers", min=1, help="Worker processes; default: all CPUs."),
     recycle: int = typer.Option(2000, "--recycle", min=1, help="Simulations after which a worker is replaced."),
     sensor: str = typer.Option("ideal", "--sensor", help="ideal, or sr300: what the depth camera adds."),
+    simulator: Path | None = typer.Option(
+        None, "--simulator", help="simulator.json of `drapemeter diagnose --apply`: sweep with the effects found."
+    ),
     resume: bool = typer.Option(False, "--resume", help="Finish a store that was interrupted."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Only say what the sweep would cost."),
     json_output: bool = JSON_OPTION,
@@ -71,6 +74,7 @@ def dataset(
     \b
     Example:
       drapemeter dataset --materials 200 --jitters 2 --out store.zarr
+      drapemeter dataset --materials 200 --simulator report/simulator.json --out extended.zarr
       drapemeter dataset inspect store.zarr --figures out/
     """
     if context.invoked_subcommand is not None:
@@ -90,7 +94,10 @@ def dataset(
         time_limit_s=time_limit,
         simulations_per_shard=shard_simulations,
         sensor=sensor,
+        simulator=simulator or (),
     )
+    if simulator is not None:
+        console.note(describe_simulator(configuration))
     if dry_run:
         say_cost(configuration, workers, json_output)
         return
@@ -98,6 +105,12 @@ def dataset(
         raise InputError("say where the store shall be: --out store.zarr", code="out_missing")
     placement = Placement(address, workers, recycle)
     sweep(out, configuration, table, placement, resume=resume, json_output=json_output)
+
+
+def describe_simulator(configuration: SweepConfiguration) -> str:
+    """One line for people."""
+    effects = " ".join(f"--effect {effect.option}" for effect in configuration.simulator)
+    return f"simulated with {effects}" if effects else "the simulator file names no effect: the plain simulator"
 
 
 def parse_ranges(texts: list[str]) -> dict[str, tuple[float, float]]:

@@ -6,11 +6,13 @@ import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
+from diagnosis.extension import AppliedEffect
 from renderer.sensor import named_sensor
 from renderer.store import StoreLayout
 from simcore.errors import InputError
@@ -23,6 +25,9 @@ from simcore.scenes import Scene
 MAX_INCLINATION_DEG = 5.0
 IDEAL = "ideal"
 """The sensor that changes nothing."""
+
+ADDED_LATER: Mapping[str, Any] = MappingProxyType({"simulator": []})
+"""Settings that stores of earlier versions do not state, and what they were made with."""
 
 FULL_SHARD = 32
 """Simulations of a shard in large sweeps: with 11 pictures each about 10 MB and a minute or two of work."""
@@ -44,6 +49,7 @@ class SweepConfiguration(BaseModel):
         simulations_per_shard: work of one task.
         time_limit_s: CPU seconds after which a simulation is given up.
         sensor: name of the sensor model that the depth goes through (:data:`renderer.sensor.SENSORS`).
+        simulator: effects that are simulated beyond the baseline, each with its size.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -60,6 +66,7 @@ class SweepConfiguration(BaseModel):
     simulations_per_shard: int = Field(default=0, ge=0)
     time_limit_s: float = Field(default=120.0, gt=0)
     sensor: str = IDEAL
+    simulator: tuple[AppliedEffect, ...] = ()
 
     @field_validator("scenes")
     @classmethod
@@ -125,8 +132,8 @@ class SweepConfiguration(BaseModel):
 
 def differences(stored: Mapping[str, Any], wanted: SweepConfiguration) -> list[str]:
     """Names of the settings in which a store's configuration and the wanted one differ."""
-    plain = wanted.model_dump(mode="json")
-    return sorted(name for name in {*plain, *stored} if not _same(plain.get(name), stored.get(name)))
+    plain, there = wanted.model_dump(mode="json"), {**ADDED_LATER, **stored}
+    return sorted(name for name in {*plain, *there} if not _same(plain.get(name), there.get(name)))
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.extension import AppliedEffect
 from services.dataset.configuration import SweepConfiguration, digest
+from services.dataset.extension import check_effects, load_effects
 from simcore.errors import InputError
 from simcore.parameters import FabricParameters
 from simcore.prior import FabricPrior, is_admissible
@@ -40,7 +42,12 @@ class FabricTable:
 
 
 def plan_sweep(
-    *, design: str = "sobol", fabrics: Path | None = None, materials: int | None = None, **settings: Any
+    *,
+    design: str = "sobol",
+    fabrics: Path | None = None,
+    materials: int | None = None,
+    simulator: Path | Sequence[AppliedEffect] = (),
+    **settings: Any,
 ) -> tuple[SweepConfiguration, FabricTable]:
     """Resolve a sweep from what the user gave.
 
@@ -48,6 +55,7 @@ def plan_sweep(
         design: ``sobol``, ``random``, ``grid`` or ``list``; a file of fabrics means ``list``.
         fabrics: CSV or JSON file of a ``list``.
         materials: number of fabrics; of a grid, the most; of a list, only the first so many.
+        simulator: ``simulator.json`` of a diagnosis, or its effects; none for the baseline.
         settings: the other fields of :class:`SweepConfiguration`.
 
     Raises:
@@ -70,9 +78,11 @@ def plan_sweep(
         design=kind,
         ranges=ranges,
         fabrics_digest="" if listed is None else digest(listed),
+        simulator=load_effects(simulator) if isinstance(simulator, Path) else tuple(simulator),
         **settings,
     )
     _ = configuration.mesh  # an unusable resolution is told now
+    check_effects(configuration)
     return configuration, _table(configuration, listed)
 
 

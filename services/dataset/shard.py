@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from diagnosis.scene import SimulationScene
+from renderer.camera import CANONICAL_CAMERA
 from renderer.depth_png import quantise_depth
-from renderer.sensor import named_sensor
 from renderer.store import RowStatus, ShardRows
 from renderer.store_format import DEPTH_UNIT_M, SCENE_CODES
-from services.dataset.configuration import IDEAL, SweepConfiguration, simulation_seed
+from services.dataset.configuration import SweepConfiguration, simulation_seed
+from services.dataset.extension import build_scene
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import DrapemeterError
 from simcore.parameters import FabricParameters
-from simcore.scenes import Setup
 
 if TYPE_CHECKING:
     from simcore.solver import Solver
@@ -88,10 +88,12 @@ def simulate_and_render(
     """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised."""
     nothing = _no_depth(configuration)
     try:
+        built = build_scene(configuration, scene, seed)
         drape = solver.solve(
             FabricParameters.from_array(fabric),
-            Setup.nominal(scene),
+            built.setup,
             seed=seed,
+            mechanics=built.mechanics,
             time_limit_s=configuration.time_limit_s,
         )
     except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
@@ -104,9 +106,9 @@ def simulate_and_render(
             status = RowStatus.TIMED_OUT
         return Outcome(status, drape.reason or drape.status.value, drape, nothing)
     try:
-        depth = render_pictures(drape, configuration)
+        depth = render_pictures(drape, built, configuration)
         fault = picture_fault(depth)
-        depth = apply_sensor(depth, seed, configuration)
+        depth = apply_sensor(depth, seed, built)
     except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
         return Outcome(RowStatus.BAD_RENDER, f"{type(error).__name__}: {error}", drape, nothing)
     if fault:
@@ -114,24 +116,23 @@ def simulate_and_render(
     return Outcome(RowStatus.OK, "", drape, quantise_depth(depth, DEPTH_UNIT_M))
 
 
-def render_pictures(drape: Drape, configuration: SweepConfiguration) -> NDArray[np.float32]:
+def render_pictures(drape: Drape, scene: SimulationScene, configuration: SweepConfiguration) -> NDArray[np.float32]:
     """Depth of a drape at every inclination [m], float32, shape [inclinations, height, width]."""
     from renderer.depth import render_depths
 
     return render_depths(
-        drape.vertices, drape.mesh.triangles, CANONICAL_CAMERA, frontal_pose(), configuration.inclinations_deg
+        drape.vertices, drape.mesh.triangles, scene.camera, scene.camera_from_panel, configuration.inclinations_deg
     )
 
 
-def apply_sensor(depth: NDArray[np.float32], seed: int, configuration: SweepConfiguration) -> NDArray[np.float32]:
-    """Depth as the sweep's sensor gives it [m], same shape; each picture has a random stream of its own."""
-    if configuration.sensor == IDEAL:
+def apply_sensor(depth: NDArray[np.float32], seed: int, scene: SimulationScene) -> NDArray[np.float32]:
+    """Depth as the scene's sensor gives it [m], same shape; each picture has a random stream of its own."""
+    if scene.sensor.off:
         return depth
-    sensor = named_sensor(configuration.sensor)
     streams = np.random.SeedSequence(seed, spawn_key=(SENSOR_STREAM,)).spawn(len(depth))
     return np.stack(
         [
-            sensor.apply(picture, np.random.default_rng(stream), camera=CANONICAL_CAMERA)
+            scene.sensor.apply(picture, np.random.default_rng(stream), camera=scene.camera)
             for picture, stream in zip(depth, streams, strict=True)
         ]
     )

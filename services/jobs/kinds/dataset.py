@@ -14,6 +14,33 @@ if TYPE_CHECKING:
     from services.dataset.fabrics import FabricTable
 
 
+class SimulatorEffect(Strict):
+    """An effect that is simulated beyond the baseline."""
+
+    name: str = Field(max_length=60, description="As in the catalogue of effects.")
+    size: dict[str, float] = Field(
+        max_length=8, description="Its components, in the effect's unit; `magnitude` for one number."
+    )
+
+
+class SimulatorDocument(Strict):
+    """What `drapemeter diagnose --apply` writes."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "format": "drapemeter-simulator/1",
+                    "effects": [{"name": "air_draft", "size": {"magnitude": 0.3}}],
+                }
+            ]
+        }
+    )
+
+    format: Literal["drapemeter-simulator/1"] = "drapemeter-simulator/1"
+    effects: tuple[SimulatorEffect, ...] = Field(max_length=8)
+
+
 class DatasetInputs(Strict):
     """What to sweep; as the options of ``drapemeter dataset``."""
 
@@ -28,19 +55,24 @@ class DatasetInputs(Strict):
     design: Literal["sobol", "random", "grid"] = Field(default="sobol", description="How fabrics are chosen.")
     resolution_m: float = Field(default=0.01, ge=0.002, le=0.05, description="Edge of a mesh cell [m].")
     seed: int = Field(default=0, ge=0, le=2**31 - 1)
+    simulator: SimulatorDocument | None = Field(
+        default=None, description="Effects to simulate with, as `drapemeter diagnose --apply` writes them."
+    )
 
     def check(self) -> None:
         """What can be known to fail before anything is simulated.
 
         Raises:
-            InputError: for instance a resolution that does not cut the sample into whole cells.
+            InputError: for instance a resolution that does not cut the sample into whole cells, or an unknown effect.
         """
         self.plan()
 
     def plan(self) -> tuple[SweepConfiguration, FabricTable]:
         """The same for :mod:`services.dataset`."""
+        from diagnosis.extension import AppliedEffect
         from services.dataset.fabrics import plan_sweep
 
+        found = () if self.simulator is None else self.simulator.effects
         return plan_sweep(
             design=self.design,
             materials=self.materials,
@@ -49,6 +81,7 @@ class DatasetInputs(Strict):
             scenes=self.scenes,
             resolution_m=self.resolution_m,
             seed=self.seed,
+            simulator=[AppliedEffect(name=effect.name, size=effect.size) for effect in found],
         )
 
 
