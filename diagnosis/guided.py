@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from simcore.scenes import GRAVITY_M_S2
 
 if TYPE_CHECKING:
     from diagnosis.scene import SimulationScene
-    from simcore.contact import PanelContact
     from simcore.drape import Drape
     from simcore.parameters import FabricParameters
     from simcore.solver import Solver
@@ -21,40 +20,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 SPRINGS_PER_M = (1000.0, 100.0, 10.0, 1.0)
 """Stiffness of the springs that hold a vertex at its seen height, in vertex weights a metre; one solve each."""
-
-
-@dataclass(frozen=True)
-class HeldContact:
-    """A contact with, besides, a spring from every seen vertex to the height at which the capture shows it.
-
-    Attributes:
-        base: the contact proper.
-        height: where the springs end, z [m], shape [rows, columns].
-        stiffness: of the springs [N/m], shape [rows, columns]; 0 for vertices that are not seen.
-    """
-
-    base: PanelContact
-    height: Array
-    stiffness: Array
-
-    def energy(self, x: Array, fixed: NDArray[np.int32]) -> float:
-        """[J]"""
-        pulled = self.stiffness * (x[..., 2] - self.height) ** 2 * (fixed == 0)
-        return self.base.energy(x, fixed) + 0.5 * float(pulled.sum())
-
-    def add_gradient(self, x: Array, fixed: NDArray[np.int32], gradient: Array) -> None:
-        """Add the derivative to ``gradient`` [N]."""
-        self.base.add_gradient(x, fixed, gradient)
-        gradient[..., 2] += self.stiffness * (x[..., 2] - self.height) * (fixed == 0)
-
-    def hessian(self, x: Array, fixed: NDArray[np.int32], blend: float) -> Array:
-        """Vertex blocks (xx, yy, zz, xy, xz, yz) [N/m]."""
-        blocks = self.base.hessian(x, fixed, blend)
-        blocks[..., 2] += self.stiffness
-        return blocks
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.base, name)
 
 
 def relax_towards(
@@ -101,7 +66,7 @@ def relax_towards(
     held = seen.reshape(grid.shape[:2]) * weight * grid.areas
     options = NewtonOptions(tolerance=2e-2, certify=False, iterations=40, largest_step=1.0)
     for spring in SPRINGS_PER_M if release else SPRINGS_PER_M[:1]:
-        springs: Any = HeldContact(contact, height, spring * held)
+        springs = replace(contact, spring=spring * held, height=height)
         level.set_up(fabric, mechanics, springs, pins.fixed)
         x = Newton(level, options, math.inf).minimise(x).x
     return np.asarray(x.reshape(-1, 3))

@@ -2,11 +2,12 @@
 
 With it the plate energy becomes one of the difference to the rest curvature (up to a constant). ``p`` is the weighted
 sum of second differences, ``a`` and ``d`` the differences across a vertex along u and v; n = d x a / |d x a| points to
-the camera on a flat sample. Neighbours beyond the border are replaced by the vertex itself.
+the camera on a flat sample. Neighbours beyond the border are replaced by the vertex itself. Every vertex stores the
+derivatives by p, a and d, which it and its neighbours then gather.
 """
 
-from simcore.kernels import array1, array3, ints1, ints2, ints3, mat3, point, vec3
 from simcore.lang import ti
+from simcore.membrane_kernels import array1, array3, array4, ints1, ints3, mat3, point, vec3
 
 
 @ti.func
@@ -15,120 +16,177 @@ def cross_matrix(v):
 
 
 @ti.func
-def frame(x: ti.template(), m: ti.template(), j, i):
-    rows, columns = x.shape[0], x.shape[1]
-    c = point(x, j, i)
-    left, right = point(x, j, ti.max(i - 1, 0)), point(x, j, ti.min(i + 1, columns - 1))
-    up, down = point(x, ti.max(j - 1, 0), i), point(x, ti.min(j + 1, rows - 1), i)
-    p = m[j, i, 0] * (left + right - 2.0 * c) + m[j, i, 1] * (up + down - 2.0 * c)
+def frame(x: ti.template(), m: ti.template(), n, w, j, i):
+    rows, columns = x.shape[1], x.shape[2]
+    c = point(x, n, j, i)
+    left, right = point(x, n, j, ti.max(i - 1, 0)), point(x, n, j, ti.min(i + 1, columns - 1))
+    up, down = point(x, n, ti.max(j - 1, 0), i), point(x, n, ti.min(j + 1, rows - 1), i)
+    p = m[w, j, i, 0] * (left + right - 2.0 * c) + m[w, j, i, 1] * (up + down - 2.0 * c)
     return p, right - left, down - up
 
 
 @ti.kernel
-def curl_energy(x: array3, m: array3) -> ti.f64:
-    """Energy [J]; ``m`` [rows, columns, 2]: area * moment / h², zero where a second difference leaves the grid."""
-    total = ti.cast(0.0, ti.f64)
-    ti.loop_config(serialize=True)
-    for j in range(x.shape[0]):
-        for i in range(x.shape[1]):
-            p, a, d = frame(x, m, j, i)
-            total = total - p.dot(d.cross(a).normalized())
-    return total
+def curl_energies(which: ints1, x: array4, m: array4, parts: array3, out: array1):
+    """Add each energy [J] to ``out`` [n]; ``m`` [cloths, rows, columns, 2]: area * moment / h², zero where a second
+    difference leaves the grid; ``parts`` [n, rows, columns] is scratch."""
+    count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
+    for n, j, i in ti.ndrange(count, rows, columns):
+        p, a, d = frame(x, m, n, which[n], j, i)
+        parts[n, j, i] = -p.dot(d.cross(a).normalized())
+    for n in range(count):
+        total = ti.cast(0.0, ti.f64)
+        for j in range(rows):
+            for i in range(columns):
+                total = total + parts[n, j, i]
+        out[n] = out[n] + total
 
 
 @ti.func
-def weights(m: ti.template(), j, i, n):
+def weights(m: ti.template(), w, j, i, n):
     """Of neighbour n (0 itself, 1 left, 2 right, 3 up, 4 down) in p, a and d."""
-    wp, wa, wd = -2.0 * (m[j, i, 0] + m[j, i, 1]), 0.0, 0.0
+    wp, wa, wd = -2.0 * (m[w, j, i, 0] + m[w, j, i, 1]), 0.0, 0.0
     if n == 1 or n == 2:
-        wp = m[j, i, 0]
+        wp = m[w, j, i, 0]
         wa = 2.0 * n - 3.0
     if n == 3 or n == 4:
-        wp = m[j, i, 1]
+        wp = m[w, j, i, 1]
         wd = 2.0 * n - 7.0
     return vec3(wp, wa, wd)
 
 
 @ti.func
-def neighbour(n, j, i, rows, columns):
-    nj, ni = j, i
+def step_to(n):
+    """Rows and columns to neighbour n."""
+    dj, di = 0, 0
     if n == 1:
-        ni = ti.max(i - 1, 0)
+        di = -1
     if n == 2:
-        ni = ti.min(i + 1, columns - 1)
+        di = 1
     if n == 3:
-        nj = ti.max(j - 1, 0)
+        dj = -1
     if n == 4:
-        nj = ti.min(j + 1, rows - 1)
-    return nj, ni
+        dj = 1
+    return dj, di
+
+
+@ti.func
+def neighbour(n, j, i, rows, columns):
+    dj, di = step_to(n)
+    return ti.min(ti.max(j + dj, 0), rows - 1), ti.min(ti.max(i + di, 0), columns - 1)
 
 
 @ti.kernel
-def curl_gradient(x: array3, m: array3, fixed: ints2, g: array3):
-    """Add the derivative to ``g`` [N], not where fixed."""
-    rows, columns = x.shape[0], x.shape[1]
-    ti.loop_config(serialize=True)
-    for j in range(rows):
-        for i in range(columns):
-            p, a, d = frame(x, m, j, i)
-            big = d.cross(a)
-            n = big.normalized()
-            by_normal = -(p - n * n.dot(p)) / big.norm()
-            by_p, by_a, by_d = -n, by_normal.cross(d), a.cross(by_normal)
-            for k in range(5):
-                w = weights(m, j, i, k)
-                nj, ni = neighbour(k, j, i, rows, columns)
-                if fixed[nj, ni] == 0:
-                    total = w[0] * by_p + w[1] * by_a + w[2] * by_d
-                    for r in ti.static(range(3)):
-                        g[nj, ni, r] = g[nj, ni, r] + total[r]
+def curl_gradients(which: ints1, x: array4, m: array4, fixed: ints3, stored: array4, g: array4):
+    """Add the derivatives to ``g`` [N], not where fixed; ``stored`` [n, rows, columns, 9] is scratch."""
+    count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
+    for n, j, i in ti.ndrange(count, rows, columns):
+        p, a, d = frame(x, m, n, which[n], j, i)
+        big = d.cross(a)
+        normal = big.normalized()
+        by_normal = -(p - normal * normal.dot(p)) / big.norm()
+        by_a, by_d = by_normal.cross(d), a.cross(by_normal)
+        for r in ti.static(range(3)):
+            stored[n, j, i, r] = -normal[r]
+            stored[n, j, i, 3 + r] = by_a[r]
+            stored[n, j, i, 6 + r] = by_d[r]
+    for n, j, i in ti.ndrange(count, rows, columns):
+        w = which[n]
+        if fixed[w, j, i] == 0:
+            total = vec3(0.0, 0.0, 0.0)
+            for c in range(5):
+                dj, di = step_to(c)
+                cj, ci = j + dj, i + di
+                if cj >= 0 and ci >= 0 and cj < rows and ci < columns:
+                    for k in range(5):
+                        nj, ni = neighbour(k, cj, ci, rows, columns)
+                        if nj == j and ni == i:
+                            share = weights(m, w, cj, ci, k)
+                            for r in ti.static(range(3)):
+                                total[r] += (
+                                    share[0] * stored[n, cj, ci, r]
+                                    + share[1] * stored[n, cj, ci, 3 + r]
+                                    + share[2] * stored[n, cj, ci, 6 + r]
+                                )
+            for r in ti.static(range(3)):
+                g[n, j, i, r] = g[n, j, i, r] + total[r]
 
 
 @ti.kernel
-def curl_hessian(x: array3, m: array3, blend: ti.f64, fixed: ints2, slot: ints3, indptr: ints1, values: array1):
-    """Add ``blend`` times the second derivatives to the upper-triangle CSR ``values``."""
-    rows, columns = x.shape[0], x.shape[1]
-    ti.loop_config(serialize=True)
-    for j in range(rows):
-        for i in range(columns):
-            p, a, d = frame(x, m, j, i)
-            big = d.cross(a)
-            size = big.norm()
-            n = big / size
-            along = n.dot(p)
-            eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-            nn = n.outer_product(n)
-            curve = (p.outer_product(n) + n.outer_product(p) + along * (eye - 3.0 * nn)) / (size * size)
-            ca, cd = cross_matrix(a), cross_matrix(d)
-            pa, pd = -(eye - nn) @ cd / size, (eye - nn) @ ca / size
-            by_normal = -(p - n * along) / size
-            aa, dd = cd.transpose() @ curve @ cd, ca.transpose() @ curve @ ca
-            ad = -cd.transpose() @ curve @ ca + cross_matrix(by_normal)
-            for k in range(5):
-                wk = weights(m, j, i, k)
-                kj, ki = neighbour(k, j, i, rows, columns)
-                for o in range(5):
-                    wo = weights(m, j, i, o)
-                    oj, oi = neighbour(o, j, i, rows, columns)
-                    dj, di = oj - kj, oi - ki
-                    after = dj > 0 or (dj == 0 and di >= 0)
-                    if after and fixed[kj, ki] == 0 and fixed[oj, oi] == 0:
-                        block = (
-                            wk[0] * (wo[1] * pa + wo[2] * pd)
-                            + wk[1] * (wo[0] * pa.transpose() + wo[1] * aa + wo[2] * ad)
-                            + wk[2] * (wo[0] * pd.transpose() + wo[1] * ad.transpose() + wo[2] * dd)
-                        )
-                        # offset (dj, di) to its number in grid.OFFSETS
-                        where = 0
-                        if dj == 0:
-                            where = di
-                        elif dj == 1:
-                            where = 4 + di
-                        else:
-                            where = 6
-                        base = 3 * (kj * columns + ki)
-                        for r in ti.static(range(3)):
-                            start = indptr[base + r] + 3 * slot[kj, ki, where] - r
-                            for c in ti.static(range(3)):
-                                if where > 0 or c >= r:
-                                    values[start + c] = values[start + c] + blend * block[r, c]
+def curl_hessians(which: ints1, x: array4, m: array4, blend: array1, fixed: ints3, stored: array4, stencil: array4):
+    """Add ``blend`` times the second derivatives to ``stencil``; ``stored`` [n, rows, columns, 45] is scratch."""
+    count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
+    eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    for n, j, i in ti.ndrange(count, rows, columns):
+        p, a, d = frame(x, m, n, which[n], j, i)
+        big = d.cross(a)
+        size = big.norm()
+        normal = big / size
+        along = normal.dot(p)
+        nn = normal.outer_product(normal)
+        curve = (p.outer_product(normal) + normal.outer_product(p) + along * (eye - 3.0 * nn)) / (size * size)
+        ca, cd = cross_matrix(a), cross_matrix(d)
+        pa, pd = -(eye - nn) @ cd / size, (eye - nn) @ ca / size
+        by_normal = -(p - normal * along) / size
+        aa, dd = cd.transpose() @ curve @ cd, ca.transpose() @ curve @ ca
+        ad = -cd.transpose() @ curve @ ca + cross_matrix(by_normal)
+        for r in ti.static(range(3)):
+            for c in ti.static(range(3)):
+                k = 3 * r + c
+                stored[n, j, i, k] = pa[r, c]
+                stored[n, j, i, 9 + k] = pd[r, c]
+                stored[n, j, i, 18 + k] = aa[r, c]
+                stored[n, j, i, 27 + k] = ad[r, c]
+                stored[n, j, i, 36 + k] = dd[r, c]
+    for n, j, i in ti.ndrange(count, rows, columns):
+        w = which[n]
+        if fixed[w, j, i] == 0:
+            for centre in range(5):
+                dj, di = step_to(centre)
+                cj, ci = j + dj, i + di
+                if cj >= 0 and ci >= 0 and cj < rows and ci < columns:
+                    for k in range(5):
+                        kj, ki = neighbour(k, cj, ci, rows, columns)
+                        if kj == j and ki == i:
+                            gather_row(
+                                m, fixed, stored, stencil, blend[n], n, w, j, i, cj, ci, weights(m, w, cj, ci, k)
+                            )
+
+
+@ti.func
+def stored_block(stored: ti.template(), n, j, i, first):
+    block = mat3(0.0)
+    for r in ti.static(range(3)):
+        for c in ti.static(range(3)):
+            block[r, c] = stored[n, j, i, first + 3 * r + c]
+    return block
+
+
+@ti.func
+def gather_row(
+    m: ti.template(), fixed: ti.template(), stored: ti.template(), stencil: ti.template(), blend, n, w, j, i, cj, ci, wk
+):
+    """What the energy of vertex (cj, ci) puts between vertex (j, i), of weights ``wk`` in it, and those after it."""
+    rows, columns = stored.shape[1], stored.shape[2]
+    pa, pd = stored_block(stored, n, cj, ci, 0), stored_block(stored, n, cj, ci, 9)
+    aa, ad = stored_block(stored, n, cj, ci, 18), stored_block(stored, n, cj, ci, 27)
+    dd = stored_block(stored, n, cj, ci, 36)
+    for o in range(5):
+        wo = weights(m, w, cj, ci, o)
+        oj, oi = neighbour(o, cj, ci, rows, columns)
+        dj, di = oj - j, oi - i
+        if (dj > 0 or (dj == 0 and di >= 0)) and fixed[w, oj, oi] == 0:
+            block = (
+                wk[0] * (wo[1] * pa + wo[2] * pd)
+                + wk[1] * (wo[0] * pa.transpose() + wo[1] * aa + wo[2] * ad)
+                + wk[2] * (wo[0] * pd.transpose() + wo[1] * ad.transpose() + wo[2] * dd)
+            )
+            # offset (dj, di) to its number in grid.OFFSETS
+            where = 6
+            if dj == 0:
+                where = di
+            elif dj == 1:
+                where = 4 + di
+            for r in ti.static(range(3)):
+                for c in ti.static(range(3)):
+                    place = 9 * where + 3 * r + c
+                    stencil[n, j, i, place] = stencil[n, j, i, place] + blend * block[r, c]

@@ -44,34 +44,25 @@ class Grid:
         return x
 
     @cached_property
-    def pattern(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-        """CSR pattern of the upper triangle and where each block's columns start in a vertex's rows.
+    def pattern(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.intp]]:
+        """CSR pattern of the upper triangle and which numbers of the vertices' stencils its values are.
 
         Returns:
-            ``indptr`` int32 [3 n + 1], ``indices`` int32 [nonzeros], ``slot`` int32 [rows, columns, 7]: rank of the
-            block among those present in the vertex's rows (the vertex itself is 0), -1 where there is none.
+            ``indptr`` int32 [3 n + 1], ``indices`` int32 [nonzeros], ``taken`` [nonzeros]: places in a flattened
+            [rows, columns, 7, 3, 3] of blocks to the neighbours of ``OFFSETS``.
         """
         j, i = np.meshgrid(np.arange(self.rows), np.arange(self.columns), indexing="ij")
-        slot = np.full((self.rows, self.columns, len(OFFSETS)), -1, dtype=np.int32)
-        rank = np.zeros((self.rows, self.columns), dtype=np.int32)
-        for k, (dj, di) in enumerate(OFFSETS):
-            inside = (j + dj < self.rows) & (i + di < self.columns) & (i + di >= 0)
-            slot[..., k][inside] = rank[inside]
-            rank += inside
-        blocks = rank.ravel()
-        row_lengths = (3 * blocks[:, None] - np.arange(3)[None, :]).ravel()
+        dj, di = np.array(OFFSETS).T
+        inside = (j[..., None] + dj < self.rows) & (i[..., None] + di < self.columns) & (i[..., None] + di >= 0)
+        # row of the matrix (vertex, r), then neighbour, then column c of its block
+        present = np.broadcast_to(inside[:, :, None, :, None], (self.rows, self.columns, 3, len(OFFSETS), 3)).copy()
+        present[:, :, :, 0, :] &= np.triu(np.ones((3, 3), dtype=bool))
+        row, r, neighbour, c = np.nonzero(present.reshape(-1, 3, len(OFFSETS), 3))
+        indices = 3 * (row + (dj * self.columns + di)[neighbour]) + c
         indptr = np.zeros(3 * self.rows * self.columns + 1, dtype=np.int32)
-        np.cumsum(row_lengths, out=indptr[1:])
-        indices = np.empty(indptr[-1], dtype=np.int32)
-        flat = j * self.columns + i
-        for k, (dj, di) in enumerate(OFFSETS):
-            inside = slot[..., k] >= 0
-            vertex, other = flat[inside], (flat + dj * self.columns + di)[inside]
-            where = slot[..., k][inside]
-            for r in range(3):
-                for c in range(r if k == 0 else 0, 3):
-                    indices[indptr[3 * vertex + r] + 3 * where - r + c] = 3 * other + c
-        return indptr, indices, slot
+        np.cumsum(np.bincount(3 * row + r, minlength=len(indptr) - 1), out=indptr[1:])
+        taken = ((row * len(OFFSETS) + neighbour) * 3 + r) * 3 + c
+        return indptr, indices.astype(np.int32), taken
 
 
 def _second_difference_products(grid: Grid) -> tuple[NDArray[np.float64], ...]:

@@ -120,11 +120,11 @@ def put_up(level: Level, pins: Pins, perturbation: Perturbation) -> tuple[Array,
     inertia = level.loads.mass / STEP_S**2
     for step in range(STEPS):
         progress = min(1.0, (step + 1) / (0.5 * STEPS))
-        level.extra_force[:] = forces * max(0.0, 1.0 - step / (0.6 * STEPS))
+        level.push(forces * max(0.0, 1.0 - step / (0.6 * STEPS)))
         previous = x.copy()
         x = _step(level, x, velocity, inertia, pins, progress)
         velocity = 0.95 * (x - previous) / STEP_S
-    level.extra_force[:] = 0.0
+    level.push(0.0)
     return x, STEPS
 
 

@@ -183,7 +183,7 @@ class Solver:
         if mechanics.friction > 0.0 and setup.panel:
             # what presses now holds where it is now: friction remembers how the sample was put up
             force = mechanics.friction * contact.normal_force(x, pins.fixed)
-            level.contact = replace(contact, friction_force=force, anchor=x[..., :2].copy())
+            level.touch(replace(contact, friction_force=force, anchor=x[..., :2].copy()))
         return x, steps
 
     def _refine(self, level: Level, x: Array, own_contact: bool) -> Array:

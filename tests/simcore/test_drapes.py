@@ -113,8 +113,9 @@ def test_mirrored_pins_give_the_mirrored_drape(solver: Solver) -> None:
     nominal = Setup.nominal(Scene.HANGING)
     left = nominal.with_pins(top_left=(-0.205, 0.004, 0.0), top_right=(0.19, 0.0, 0.0))
     right = nominal.with_pins(top_left=(-0.19, 0.0, 0.0), top_right=(0.205, 0.004, 0.0))
-    a = solver.solve(FABRICS["stiff"], left, jitter=NO_JITTER)
-    b = solver.solve(FABRICS["stiff"], right, jitter=NO_JITTER)
+    # softer fabrics rest in several shapes, and with nothing random the last bits choose among them
+    a = solver.solve(FABRICS["vstiff"], left, jitter=NO_JITTER)
+    b = solver.solve(FABRICS["vstiff"], right, jitter=NO_JITTER)
     assert a.ok and b.ok
     mirrored = positions(b)[:, ::-1] * [-1.0, 1.0, 1.0]
     assert np.abs(positions(a) - mirrored).max() < 1e-4

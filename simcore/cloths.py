@@ -1,0 +1,91 @@
+"""What the kernels know of each cloth of a batch: constant fields with one leading axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.bending import PlateRigidity
+from simcore.contact import PanelContact
+from simcore.grid import BendingForms, Grid
+from simcore.loads import Load, rest_moments
+from simcore.mechanics import Mechanics
+from simcore.membrane_kernels import HOURGLASS
+from simcore.parameters import FabricParameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cloths:
+    """Fields of ``b`` cloths on one grid; NumPy arrays, or tensors of a device after :meth:`on`.
+
+    Attributes:
+        settings: numbers of ``membrane_kernels`` [b, 10].
+        hourglass: share of the full hourglass stiffness of each cell [b, rows-1, columns-1].
+        bending: stencils of the bending form [b, rows, columns, 7] [N/m].
+        load: constant forces [b, rows, columns, 3] [N].
+        fixed: 1 where held, int32 [b, rows, columns].
+        panel: numbers of ``panel_kernels`` [b, rows, columns, 7].
+        moments: of rest curvature [b, rows, columns, 2] [N]; None when no cloth has any.
+    """
+
+    settings: Any
+    hourglass: Any
+    bending: Any
+    load: Any
+    fixed: Any
+    panel: Any
+    moments: Any = None
+
+    @classmethod
+    def one(
+        cls,
+        grid: Grid,
+        forms: BendingForms,
+        fabric: FabricParameters,
+        mechanics: Mechanics,
+        contact: PanelContact,
+        fixed: NDArray[np.int32],
+    ) -> Cloths:
+        """The fields of a single cloth."""
+        angle = mechanics.off_grain_rad
+        plate = PlateRigidity.of(fabric).turned(angle)
+        stiffening = 0.0 if mechanics.stiffening_strain is None else mechanics.stiffening_strain**-2
+        stretch = (fabric.stretch_weft, fabric.stretch_warp, fabric.stretch_bias)
+        settings = np.array(
+            [*stretch, math.cos(angle), math.sin(angle), stiffening, grid.hu, grid.hv, contact.adhesion_range_m,
+             float(contact.active)]
+        )  # fmt: skip
+        touched = fixed[:-1, :-1] + fixed[:-1, 1:] + fixed[1:, :-1] + fixed[1:, 1:]
+        moments = rest_moments(grid, plate, mechanics)
+        return cls(
+            settings[None],
+            np.where(touched > 0, 1.0, HOURGLASS)[None],
+            forms.stencil(plate.weft, plate.warp, plate.coupling, plate.twist)[None],
+            Load.of(grid, fabric, mechanics).force[None],
+            np.ascontiguousarray(fixed[None], dtype=np.int32),
+            contact.numbers()[None],
+            None if moments is None else moments[None],
+        )
+
+    @classmethod
+    def stack(cls, cloths: Sequence[Cloths]) -> Cloths:
+        """Several cloths of one grid as one batch."""
+        shape = cloths[0].fixed.shape
+        curled = any(c.moments is not None for c in cloths)
+        columns = {
+            f.name: np.concatenate([getattr(c, f.name) for c in cloths]) for f in fields(cls) if f.name != "moments"
+        }
+        moments = [np.zeros((*shape, 2)) if c.moments is None else c.moments for c in cloths] if curled else None
+        return cls(**columns, moments=None if moments is None else np.concatenate(moments))
+
+    def on(self, place: Callable[[Array], Any]) -> Cloths:
+        """The same with every array sent through ``place``."""
+        moved = {f.name: place(getattr(self, f.name)) for f in fields(self) if getattr(self, f.name) is not None}
+        return replace(self, **moved)

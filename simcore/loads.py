@@ -1,0 +1,64 @@
+"""Forces and rest moments that a fabric and its mechanics put on the vertices of a grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simcore.bending import PlateRigidity
+from simcore.grid import Grid
+from simcore.mechanics import Mechanics
+from simcore.parameters import FabricParameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """What a fabric and its mechanics put on a level's vertices.
+
+    Attributes:
+        mass: [kg], shape [rows, columns].
+        force: constant force [N], shape [rows, columns, 3].
+        weight: weight of an interior vertex [N], the unit of residuals.
+    """
+
+    mass: Array
+    force: Array
+    weight: float
+
+    @classmethod
+    def of(cls, grid: Grid, fabric: FabricParameters, mechanics: Mechanics) -> Load:
+        """Gravity, hem and a uniform draft, lumped to vertices."""
+        mass = fabric.density * grid.areas
+        hem = grid.areas[-1] / (0.5 * grid.hv)  # length of the bottom edge that each of its vertices stands for
+        mass[-1] += mechanics.hem_kg_m * hem
+        force = mass[..., None] * np.asarray(mechanics.gravity)
+        force[..., 2] += mechanics.air_pressure_pa * grid.areas
+        gravity = math.sqrt(sum(g * g for g in mechanics.gravity))
+        return cls(mass, force, fabric.density * grid.hu * grid.hv * gravity)
+
+
+def rest_moments(grid: Grid, plate: PlateRigidity, mechanics: Mechanics) -> Array | None:
+    """Area times the moment of the rest curvature over h², along u and v, shape [rows, columns, 2] [N]; None for none.
+
+    A second difference that would leave the grid has none.
+    """
+    if not mechanics.rest_curvature:
+        return None
+    v, u = np.meshgrid(np.arange(grid.rows) * grid.hv, np.arange(grid.columns) * grid.hu, indexing="ij")
+    size = ((grid.columns - 1) * grid.hu, (grid.rows - 1) * grid.hv)
+    fields = [field.evaluate(u, v, size) for field in mechanics.rest_curvature]
+    weft, warp = sum(f[0] for f in fields), sum(f[1] for f in fields)
+    # the plate couples its curvatures at inner vertices only: coupled at the border too, a free sheet would not rest
+    coupled = np.zeros((grid.rows, grid.columns))
+    coupled[1:-1, 1:-1] = plate.coupling * grid.hu * grid.hv
+    moments = np.zeros((grid.rows, grid.columns, 2))
+    moments[..., 0] = (plate.weft * grid.areas * weft + coupled * warp) / grid.hu**2
+    moments[..., 1] = (plate.warp * grid.areas * warp + coupled * weft) / grid.hv**2
+    moments[:, [0, -1], 0] = 0.0
+    moments[[0, -1], :, 1] = 0.0
+    return moments
