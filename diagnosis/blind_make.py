@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from capture.capture_set import CAPTURES_FILE
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR, Effect, Size
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.synthesis import DIAGNOSABLE, SynthesisPlan, make_capture_set
+from diagnosis.synthesis import DIAGNOSABLE, SynthesisPlan, make_capture_set, real_fabric
 from renderer.atomic import write_atomically
 from simcore.errors import InputError
 from simcore.mechanics import Jitter
@@ -29,6 +30,8 @@ LABELS_FOLDER = "labels"
 KINDS = ("named", "none", "wrong_parameter", "two", "withheld")
 INVISIBLE = ("panel_friction",)
 """Effects that two scenes do not show (see ``docs/diagnosis.md``): not drawn."""
+SHUFFLED: Final = MappingProxyType({"named": 13, "none": 4, "wrong_parameter": 3, "two": 3, "withheld": 2})
+"""Kinds in every so many cases, in random order."""
 SHARED_BY = 8
 """So many cases in a row share the drapes that have no effect on the cloth."""
 
@@ -93,7 +96,13 @@ class Label:
         return {
             "kind": self.kind,
             "effects": [
-                {"name": e.name, "stage": e.stage.value, "magnitude": _plain(e, size), "unit": e.unit}
+                {
+                    "name": e.name,
+                    "stage": e.stage.value,
+                    "magnitude": _plain(e, size),
+                    "unit": e.unit,
+                    "place": {key: float(value) for key, value in size.items() if key not in e.components},
+                }
                 for e, size in self.effects
             ],
             "wrong_parameter": None if self.wrong is None else {"name": self.wrong[0], "factor": self.wrong[1]},
@@ -101,21 +110,31 @@ class Label:
         }
 
 
+def draw_kinds(plan: BlindPlan) -> list[str]:
+    """Of all cases; any stretch of :data:`SHUFFLED` cases has the kinds in the same proportions."""
+    deck = [kind for kind, count in SHUFFLED.items() for _ in range(count)]
+    if not plan.withhold:
+        deck = ["named" if kind == "withheld" else kind for kind in deck]
+    rng = np.random.default_rng([plan.seed, 76])
+    rounds = -(-plan.cases // len(deck))
+    return [deck[int(k)] for _ in range(rounds) for k in rng.permutation(len(deck))][: plan.cases]
+
+
 def draw_label(number: int, plan: BlindPlan) -> Label:
     """Of one case; the effects take turns, so that all come up."""
     rng = np.random.default_rng([plan.seed, number, 77])
     visible = [e for name, e in sorted(catalogue().items()) if name not in (*plan.withhold, *INVISIBLE)]
-    shares = [0.58, 0.16, 0.08, 0.10, 0.08 if plan.withhold else 0.0]
-    kind = KINDS[int(rng.choice(len(KINDS), p=np.array(shares) / sum(shares)))]
+    kinds = draw_kinds(plan)
+    kind, turn = kinds[number], kinds[:number].count(kinds[number])
     if kind == "named":
         order = np.random.default_rng([plan.seed, 78]).permutation(len(visible))
-        effect = visible[int(order[number % len(visible)])]
+        effect = visible[int(order[turn % len(visible)])]
         return Label(kind, ((effect, effect.draw(rng)),))
     if kind == "two":
         first, second = rng.choice(len(visible), size=2, replace=False)
         return Label(kind, tuple((visible[k], visible[k].draw(rng)) for k in (int(first), int(second))))
     if kind == "withheld":
-        effect = get_effect(plan.withhold[int(rng.integers(len(plan.withhold)))])
+        effect = get_effect(plan.withhold[turn % len(plan.withhold)])
         return Label(kind, ((effect, effect.draw(rng)),))
     if kind == "wrong_parameter":
         factor = float(np.exp(rng.uniform(np.log(1.8), np.log(3.0)))) ** (1 if rng.random() < 0.5 else -1)
@@ -143,10 +162,18 @@ def make_blind_check(
     shelf = cache or DrapeCache(out / "drapes")
     for number in range(plan.cases):
         name = case_name(number)
-        if not (out / name / CAPTURES_FILE).exists():
+        if not is_sealed(out / name):
             _make_case(out, name, number, plan, fabrics, shelf)
         if on_case is not None:
             on_case(1.0)
+
+
+def is_sealed(folder: Path) -> bool:
+    """A case is whole: its document, which is written last, holds the label's hash."""
+    try:
+        return "label_sha256" in json.loads((folder / CAPTURES_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
 
 
 def case_name(number: int) -> str:
@@ -158,8 +185,6 @@ def _make_case(
     out: Path, name: str, number: int, plan: BlindPlan, fabrics: Sequence[FabricParameters], cache: DrapeCache
 ) -> None:
     label = draw_label(number, plan)
-    nonce = np.random.default_rng([plan.seed, number, 79]).bytes(16).hex()
-    sealed = (json.dumps(label.as_json(nonce), indent=1) + "\n").encode()
     group = number // SHARED_BY
     chosen = np.random.default_rng([plan.seed, group, 80]).permutation(plan.pool)[: plan.fabrics]
     stated: Mapping[int, FabricParameters] = {int(k): fabrics[int(k)] for k in chosen}
@@ -173,10 +198,24 @@ def _make_case(
         seed=1000 * plan.seed + group,
         wrong=label.wrong,
     )
+    truth = {
+        f"f{place + 1}": real_fabric(synthesis, k, fabric, first=place == 0).as_dict()
+        for place, (k, fabric) in enumerate(stated.items())
+    }
+    further = {}
+    if label.effects:
+        scene = "stretch" if "stretch" in plan.scenes else plan.scenes[0]
+        more = replace(synthesis, scenes=(scene,), repeats=1, first_repeat=plan.repeats)
+        folder = out / LABELS_FOLDER / name
+        make_capture_set(folder, more, label.effects, fabrics=stated, name=name, cache=cache)
+        further = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.png"))}
+    nonce = np.random.default_rng([plan.seed, number, 79]).bytes(16).hex()
+    document = {**label.as_json(nonce), "parameters": truth, "further_captures_sha256": further}
+    sealed = (json.dumps(document, indent=1) + "\n").encode()
     write_atomically(out / LABELS_FOLDER / f"{name}.json", sealed)
     made = make_capture_set(out / name, synthesis, label.effects, fabrics=stated, name=name, cache=cache)
-    document = {**made.document.as_json(), "label_sha256": hashlib.sha256(sealed).hexdigest()}
-    write_atomically(out / name / CAPTURES_FILE, (json.dumps(document, indent=1) + "\n").encode())
+    public = {**made.document.as_json(), "label_sha256": hashlib.sha256(sealed).hexdigest()}
+    write_atomically(out / name / CAPTURES_FILE, (json.dumps(public, indent=1) + "\n").encode())
 
 
 def _manifest(plan: BlindPlan) -> dict[str, Any]:

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import math
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.capture_set import CAPTURES_FILE, CaptureSet
 from diagnosis.baselines import BASELINES, baseline_answers
-from diagnosis.blind_make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, case_name
-from diagnosis.diagnose import GROUPS, DiagnosisOptions, diagnose
+from diagnosis.blind_make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, case_name, is_sealed
+from diagnosis.blind_verify import verify
+from diagnosis.classifier import Classifier, example_parts, features
+from diagnosis.diagnose import GROUPS, Diagnosis, DiagnosisOptions, diagnose
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import catalogue
 from diagnosis.version import MODEL_VERSION
@@ -23,7 +29,10 @@ from renderer.atomic import write_atomically
 from simcore.errors import InputError
 
 REPORTS_FOLDER = "reports"
+EXAMPLES_FOLDER = "examples"
 CONFIDENT = 0.8
+LEAST_FRACTION = 0.1
+"""A true effect that closes less of the gap says nothing about how much a found one should."""
 
 
 @dataclass(frozen=True)
@@ -83,27 +92,82 @@ def answer_cases(
     *,
     cache: DrapeCache,
     workers: int = 1,
+    seconds: float = math.inf,
     on_case: Callable[[float], None] | None = None,
 ) -> list[Answer]:
     """Diagnose all cases (those that have a report of this version keep it), then open their labels.
 
+    Args:
+        out: what ``blind make`` wrote.
+        cache: of simulations.
+        workers: processes.
+        seconds: after which no further case is begun; what is done counts.
+        on_case: called with 1 for every case.
+
     Raises:
-        InputError: no blind check there, a case or a label is missing, or a label was changed.
+        InputError: no blind check there, no case is done, a case or a label is missing, or a label was changed.
     """
+    began = time.monotonic()
     manifest = read_manifest(out)
     options = DiagnosisOptions(without=tuple(manifest["withhold"]), workers=workers)
-    names = [case_name(number) for number in range(manifest["cases"])]
     (out / REPORTS_FOLDER).mkdir(exist_ok=True)
-    for name in names:
+    done = []
+    for name in (case_name(number) for number in range(manifest["cases"])):
         path = out / REPORTS_FOLDER / f"{name}.json"
-        if not (path.exists() and json.loads(path.read_text(encoding="utf-8"))["model_version"] == MODEL_VERSION):
+        if not _is_answered(path):
+            if time.monotonic() - began > seconds or not is_sealed(out / name):
+                continue
+            start = time.process_time()
             found = diagnose(CaptureSet.load(out / name), options, cache=cache)
             document = found.report.as_json()
             document["baselines"] = baseline_answers(found)
+            document["cpu_seconds"] = round(time.process_time() - start, 1)
+            _keep_examples(out / EXAMPLES_FOLDER / f"{name}.npz", found)
             write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())
+        done.append(name)
         if on_case is not None:
             on_case(1.0)
-    return [_open(out, name) for name in names]
+    if not done:
+        raise InputError(f"{out}: no case is diagnosed yet: give more time", code="blind_nothing_done")
+    return [open_label(out, name, cache) for name in done]
+
+
+def _keep_examples(path: Path, found: Diagnosis) -> None:
+    """What a classifier sees of a set, and what one can be trained on."""
+    blocks = [b for b in found.blocks if b.scene == "stretch"] or list(found.blocks)
+    parts = {"features": features(blocks, found.pixels), **example_parts(blocks, found.pixels)}
+    path.parent.mkdir(exist_ok=True)
+    content = io.BytesIO()
+    compact: dict[str, Any] = {key: value.astype(np.float32) for key, value in parts.items()}
+    np.savez_compressed(content, **compact)
+    write_atomically(path, content.getvalue())
+
+
+def classify(out: Path, other: Path, answers: Sequence[Answer], effects: Sequence[str]) -> list[Answer]:
+    """Add what a plain classifier says that was trained on another check's fabrics and seeds.
+
+    Raises:
+        InputError: the other check has not been scored.
+    """
+    paths = sorted((other / EXAMPLES_FOLDER).glob("*.npz"))
+    if not paths:
+        raise InputError(f"{other}: nothing to train on: run `drapemeter blind score` there first", code="blind_train")
+    trained = Classifier.train([_arrays(path) for path in paths], effects)
+    found = []
+    for answer in answers:
+        name = trained.effect(_arrays(out / EXAMPLES_FOLDER / f"{answer.name}.npz")["features"])
+        names = {**answer.baselines["names"], "classifier": name}
+        found.append(replace(answer, baselines={**answer.baselines, "names": names}))
+    return found
+
+
+def _arrays(path: Path) -> dict[str, NDArray[np.float64]]:
+    with np.load(path) as data:
+        return {key: np.asarray(data[key], dtype=np.float64) for key in data.files}
+
+
+def _is_answered(path: Path) -> bool:
+    return path.exists() and json.loads(path.read_text(encoding="utf-8"))["model_version"] == MODEL_VERSION
 
 
 def read_manifest(out: Path) -> dict[str, Any]:
@@ -123,7 +187,12 @@ def read_manifest(out: Path) -> dict[str, Any]:
     return dict(manifest)
 
 
-def _open(out: Path, name: str) -> Answer:
+def open_label(out: Path, name: str, cache: DrapeCache) -> Answer:
+    """Open a diagnosed case's label and, where it holds further captures, check the shrinkage on them (once).
+
+    Raises:
+        InputError: the label or its hash is missing, or is not what was sealed.
+    """
     try:
         sealed = (out / LABELS_FOLDER / f"{name}.json").read_bytes()
         stated = json.loads((out / name / CAPTURES_FILE).read_text(encoding="utf-8"))["label_sha256"]
@@ -131,8 +200,13 @@ def _open(out: Path, name: str) -> Answer:
         raise InputError(f"{out}: the label of {name} or its hash is missing", code="blind_label_missing") from None
     if hashlib.sha256(sealed).hexdigest() != stated:
         raise InputError(f"{out}: the label of {name} is not the one that was sealed", code="blind_label_changed")
-    report = json.loads((out / REPORTS_FOLDER / f"{name}.json").read_text(encoding="utf-8"))
-    return Answer(name, json.loads(sealed), report, report.pop("baselines"))
+    path = out / REPORTS_FOLDER / f"{name}.json"
+    report = json.loads(path.read_text(encoding="utf-8"))
+    label = json.loads(sealed)
+    if "verified" not in report:
+        report["verified"] = verify(out / LABELS_FOLDER / name, label, report, cache)
+        write_atomically(path, (json.dumps(report, indent=1) + "\n").encode())
+    return Answer(name, label, report, report.pop("baselines"))
 
 
 @dataclass(frozen=True)
@@ -171,6 +245,11 @@ class Score:
     magnitude_inside: Share
     magnitude_error: float
     shrinkage: float
+    shrinkage_relative: float
+    shrinkage_covered: Share
+    control: float
+    parameter_error: tuple[float, float, float]
+    top1_strict: Share
     calibration: tuple[tuple[float, float, int, float], ...]
     baselines: Mapping[str, Share]
 
@@ -183,6 +262,12 @@ def score(answers: Sequence[Answer]) -> Score:
     right = [a for a in named if same(a.top, a.truth[0])]
     sizes = [_magnitude(a) for a in right if a.top == a.truth[0]]
     fractions = [a.report["shrinkage"]["fraction"] for a in right if a.report["shrinkage"]]
+    controls = [a.report["shrinkage"]["control"]["fraction"] for a in right if a.report["shrinkage"]]
+    checked = [a.report["verified"] for a in named if a.report.get("verified")]
+    relative = [v["fraction"] / v["true_fraction"] for v in checked if v["true_fraction"] > LEAST_FRACTION]
+    covered = [v["covered"] for v in checked if v["covered"] is not None]
+    errors = [a.report["verified"]["parameter_error"] for a in right if a.report.get("verified")]
+    known = np.array([e for e in errors if e is not None])
     single = [a for a in answers if a.kind in ("named", "none", "wrong_parameter")]
     return Score(
         top1=Share(len(right), len(named)),
@@ -200,13 +285,25 @@ def score(answers: Sequence[Answer]) -> Score:
         both_of_two=Share(sum(all(any(same(n, t) for n in a.named) for t in a.truth) for a in two), len(two)),
         magnitude_inside=Share(sum(inside for _, inside in sizes), len(sizes)),
         magnitude_error=float(np.median([error for error, _ in sizes])) if sizes else float("nan"),
-        shrinkage=float(np.median(fractions)) if fractions else float("nan"),
+        shrinkage=_median(fractions),
+        shrinkage_relative=_median(relative),
+        shrinkage_covered=Share(sum(covered), len(covered)),
+        control=_median(controls),
+        parameter_error=(_median(known[:, 0]), _median(known[:, 1]), _median(known[:, 2]))
+        if len(known)
+        else (math.nan, math.nan, math.nan),
+        top1_strict=Share(sum(a.top == a.truth[0] for a in named), len(named)),
         calibration=_calibration(single),
         baselines={
             name: Share(sum(same(a.baselines["names"][name], a.truth[0]) for a in named), len(named))
-            for name in BASELINES
+            for name in (*BASELINES, "classifier")
+            if all(name in a.baselines["names"] for a in named)
         },
     )
+
+
+def _median(values: Sequence[float] | NDArray[np.float64]) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
 
 
 def _stage(name: str) -> str:

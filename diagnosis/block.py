@@ -108,17 +108,24 @@ def _view(measured: Array, stacked: dict[str, Array], owner: NDArray[np.intp], c
 
     factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
 
-    def whiten(rows: Array) -> Array:
+    def rows_whitened(rows: Array) -> Array:
         return np.asarray(solve_triangular(factor, rows.T, lower=True).T)
 
     responses, scatter = {}, {}
     for name, rows in stacked.items():
         if get_effect(name).random_repeats:
-            scatter[name] = whiten(np.concatenate([rows * (owner == k) for k in range(int(owner.max()) + 1)]))
+            scatter[name] = rows_whitened(np.concatenate([rows * (owner == k) for k in range(int(owner.max()) + 1)]))
         else:
-            responses[name] = whiten(rows)
+            responses[name] = rows_whitened(rows)
     log_det = float(np.log(np.diag(factor)).sum())
-    return View(whiten(measured[None])[0], responses, scatter, factor, log_det)
+    return View(rows_whitened(measured[None])[0], responses, scatter, factor, log_det)
+
+
+def whiten(view: View, columns: Array) -> Array:
+    """Changes in metres, a column each, in a view's units, [n, columns]."""
+    from scipy.linalg import solve_triangular
+
+    return np.asarray(solve_triangular(view.factor, columns, lower=True))
 
 
 @dataclass(frozen=True)

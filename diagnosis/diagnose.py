@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from functools import partial
 
 from capture.capture_set import CaptureSet
 from diagnosis.atlas import forecast
@@ -15,20 +16,24 @@ from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR, Stage
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.fabric_task import FabricResult, FabricTask, explain_fabric
+from diagnosis.fresh import FreshLook
 from diagnosis.isolability import not_separable
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
 from diagnosis.preparation import prepare_tasks
+from diagnosis.reference import cell_centres
+from diagnosis.refinement import look_again
 from diagnosis.regions import region_gaps
 from diagnosis.repeats import pin_scatter
 from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport, StageName
-from diagnosis.shrinkage import measure_shrinkage
-from diagnosis.simulator import Cost
+from diagnosis.shrinkage import Held, Judge, measure_shrinkage
+from diagnosis.shrinkage_report import complete
+from diagnosis.simulator import Cost, Simulator
 from diagnosis.version import MODEL_VERSION
 from simcore.errors import InputError
 
 GROUPS: tuple[frozenset[str], ...] = (
-    frozenset({"depth_scale", "depth_bias"}),
+    frozenset({"depth_scale", "depth_bias", "camera_translation"}),
     frozenset({"air_draft", "panel_tilt"}),
 )
 """Effects that two scenes at one distance cannot tell apart."""
@@ -45,12 +50,16 @@ class DiagnosisOptions:
         without: names left out.
         resolution_m: of the meshes.
         workers: processes.
+        afresh: simulate what may be named at its fitted size and judge again.
+        lpips: measure the shrinkage as people see it, too.
     """
 
     effects: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     resolution_m: float = 0.01
     workers: int = 1
+    afresh: bool = True
+    lpips: bool = False
 
     def chosen(self) -> tuple[str, ...]:
         """The effects to try.
@@ -75,7 +84,9 @@ class Diagnosis:
     results: tuple[FabricResult, ...]
     blocks: tuple[Block, ...]
     cause: Cause
+    pixels: PixelBlock
     assumed: tuple[str, ...]
+    held: tuple[Held, ...] = ()
 
 
 Progress = Callable[[float], None]
@@ -109,7 +120,9 @@ def diagnose(
     if on_forecast is not None:
         on_forecast(forecast(tasks, kept).sentence())
     results = run_tasks(tasks, kept, options.workers, on_fabric)
-    return conclude(results, effects, tuple(assumed), began)
+    return conclude(
+        results, effects, tuple(assumed), began, cache=kept if options.afresh else None, lpips=options.lpips
+    )
 
 
 def run_tasks(
@@ -141,56 +154,101 @@ def conclude(
     began: float | None = None,
     noise: NoiseModel = NoiseModel(),
     model: LikelihoodModel = LikelihoodModel(),
+    *,
+    cache: DrapeCache | None = None,
+    lpips: bool = False,
 ) -> Diagnosis:
-    """From simulations to the report: statistics alone."""
+    """From simulations to the report.
+
+    Args:
+        results: of all fabrics.
+        effects: names that were tried.
+        assumed: what had to be, in words.
+        began: when the work began (monotonic), for the report's cost.
+        noise, model: of errors and likelihood.
+        cache: where fresh simulations of what may be named are kept; None: statistics alone.
+        lpips: measure the shrinkage in LPIPS, too; needs ``cache``.
+    """
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
 
     with threadpool_limits(1):  # small matrices: more threads cost more than they give
-        return _conclude(results, effects, assumed, began, noise, model)
+        looks = {} if cache is None else {r.task.id: FreshLook(Simulator(cache), r) for r in results}
+        return _Conclusion(effects, noise, model).of(list(results), looks, assumed, began, lpips)
 
 
-def _conclude(
-    results: Sequence[FabricResult],
-    effects: tuple[str, ...],
-    assumed: tuple[str, ...],
-    began: float | None,
-    noise: NoiseModel,
-    model: LikelihoodModel,
-) -> Diagnosis:
-    blocks = []
-    noise = replace(noise, pin_m=pin_scatter([c for r in results for c in r.captures], noise))
-    for result in results:
-        for scene in ("hanging", "stretch"):
-            own = [c for c in result.captures if c.scene == scene]
-            if own:
-                blocks.append(make_block(own, result.task.relative_sigma, noise))
-    captures = [c for r in results for c in r.captures]
-    pixels = make_pixel_block(captures, noise)
+@dataclass(frozen=True)
+class _Conclusion:
+    """Statistics under one set of assumptions."""
 
-    def pixels_of(fabrics: Set[str]) -> PixelBlock:
-        return make_pixel_block([c for c in captures if c.fabric in fabrics], noise)
+    effects: tuple[str, ...]
+    noise: NoiseModel
+    model: LikelihoodModel
 
-    cause = name_cause(effects, blocks, pixels, model)
-    gap = detect(blocks, pixels, cause, model)
+    def of(
+        self,
+        results: list[FabricResult],
+        looks: dict[str, FreshLook],
+        assumed: tuple[str, ...],
+        began: float | None,
+        lpips: bool,
+    ) -> Diagnosis:
+        """The whole report."""
+        noise = replace(self.noise, pin_m=pin_scatter([c for r in results for c in r.captures], self.noise))
+        if looks:
+            scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
+            looks = look_again(looks, partial(self.weigh, noise=noise), scene)
+            results = [look.result for look in looks.values()]
+        blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
+        cause = name_cause(self.effects, blocks, pixels, self.model)
+
+        def pixels_of(fabrics: Set[str]) -> PixelBlock:
+            return _pixels([r for r in results if r.task.id in fabrics], noise)
+
+        measured = measure_shrinkage(cause, self.effects, blocks, pixels_of, self.model, Judge(looks))
+        cost = _cost(results, looks)
+        report = GapReport(
+            gap=detect(blocks, pixels, cause, self.model),
+            where=region_gaps(blocks, cell_centres(), _stage(cause), self.model.degrees, self.model.dimension_share),
+            cause=_cause_report(cause, blocks, pixels, self.model),
+            shrinkage=None if measured is None else complete(measured, looks, lpips=lpips),
+            parameters_refitted=True,
+            cost=CostReport(
+                simulations=cost.simulations,
+                seconds=round(time.monotonic() - began, 2) if began is not None else cost.seconds,
+                solver_seconds=round(cost.seconds, 2),
+                cached=cost.cached,
+            ),
+            model_version=MODEL_VERSION,
+            assumed=list(assumed),
+        )
+        held = () if measured is None else measured.held
+        return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, held)
+
+    def weigh(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
+        """Single effects alone."""
+        blocks = make_blocks(results, noise)
+        return name_cause(self.effects, blocks, _pixels(results, noise), self.model, pairs=False)
+
+
+def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:
+    """Fabric by fabric, scene by scene."""
+    return [
+        make_block([c for c in result.captures if c.scene == scene], result.task.relative_sigma, noise)
+        for result in results
+        for scene in ("hanging", "stretch")
+        if any(c.scene == scene for c in result.captures)
+    ]
+
+
+def _pixels(results: Sequence[FabricResult], noise: NoiseModel) -> PixelBlock:
+    return make_pixel_block([c for r in results for c in r.captures], noise)
+
+
+def _cost(results: Sequence[FabricResult], looks: Mapping[str, FreshLook]) -> Cost:
     cost = Cost()
-    for result in results:
-        cost.add(result.cost)
-    report = GapReport(
-        gap=gap,
-        where=region_gaps(blocks, captures[0].reference.centre, _stage(cause), model.degrees, model.dimension_share),
-        cause=_cause_report(cause, blocks, pixels, model),
-        shrinkage=measure_shrinkage(cause, effects, blocks, pixels_of, model),
-        parameters_refitted=True,
-        cost=CostReport(
-            simulations=cost.simulations,
-            seconds=round(time.monotonic() - began, 2) if began is not None else cost.seconds,
-            solver_seconds=round(cost.seconds, 2),
-            cached=cost.cached,
-        ),
-        model_version=MODEL_VERSION,
-        assumed=list(assumed),
-    )
-    return Diagnosis(report, tuple(results), tuple(blocks), cause, assumed)
+    for account in (*(r.cost for r in results), *(look.simulator.cost for look in looks.values())):
+        cost.add(account)
+    return cost
 
 
 def _stage(cause: Cause) -> StageName:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import f as f_distribution
 
-from diagnosis.block import Block, PixelBlock, View
+from diagnosis.block import Block, PixelBlock, View, whiten
 from diagnosis.effect import SCALAR, Effect
 from diagnosis.likelihood import (
     LikelihoodModel,
@@ -20,11 +21,19 @@ from diagnosis.likelihood import (
     pixel_unknown,
     view_log_likelihood,
 )
+from diagnosis.reference import CELLS, cell_centres
 from diagnosis.sizes import grid, interpolation, log_prior, node_values, vector_step
 
 Array = NDArray[np.float64]
 UNKNOWN_FACTORS = np.geomspace(1.5, 30.0, 13)
 """By how much all errors are larger than modelled when something unknown is there."""
+UNKNOWN_SHAPES_M = np.geomspace(0.0005, 0.016, 6)
+"""Root mean square of a smooth change that nothing describes [m]."""
+UNKNOWN_LENGTH = 0.15
+"""Correlation length of such a change, in sample sizes."""
+UNKNOWN_FORMS = 40
+LARGER_SHARE = 0.5
+"""Of ``unknown``: errors larger than modelled all over; the rest are smooth changes."""
 SCATTER_FREEDOM = 4.0
 """Degrees of freedom of a smooth random shape."""
 
@@ -114,11 +123,12 @@ def tabulate_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: Likelih
     calm = float(nothing.pixels[0])
     values = []
     for block, still in zip(blocks, nothing.blocks, strict=True):
-        larger = _larger_errors(block, model)
-        values.append(np.concatenate([larger, larger, still]))
-    count = len(UNKNOWN_FACTORS)
-    seen = np.concatenate([np.full(count, calm), np.full(count + 1, wild)])
-    prior = np.concatenate([np.full(2 * count, -np.log(3.0 * count)), [-np.log(3.0)]])
+        forms = np.concatenate([_larger_errors(block, model), unknown_shape(block, model)])
+        values.append(np.concatenate([forms, forms, still]))
+    kinds = (len(UNKNOWN_FACTORS), len(UNKNOWN_SHAPES_M))
+    seen = np.concatenate([np.full(sum(kinds), calm), np.full(sum(kinds) + 1, wild)])
+    form = np.repeat([LARGER_SHARE, 1.0 - LARGER_SHARE], kinds) / np.repeat(kinds, kinds)
+    prior = np.log(np.concatenate([form / 3.0, form / 3.0, [1.0 / 3.0]]))
     return Table("unknown", tuple(values), seen, prior, ({},) * len(prior))
 
 
@@ -129,6 +139,36 @@ def _larger_errors(block: Block, model: LikelihoodModel) -> Array:
     square = float(view.measured @ view.measured) * model.dimension_share
     density = model.log_density(square / UNKNOWN_FACTORS**2, dimension, block.scene)
     return np.asarray(density - dimension * np.log(UNKNOWN_FACTORS) - model.dimension_share * view.log_det)
+
+
+def unknown_shape(block: Block, model: LikelihoodModel) -> Array:
+    """Of a block with a smooth change of the cloth that is the same in all repeats, whatever its form.
+
+    One value for each root mean square of :data:`UNKNOWN_SHAPES_M`; the repeats agree as well as modelled, which
+    larger errors all over do not grant.
+    """
+    view = block.stated
+    modes = whiten(view, smooth_modes()[block.cell])
+    directions, spread, _ = np.linalg.svd(modes, full_matrices=False)
+    along = view.measured @ directions
+    variance = 1.0 + np.outer(UNKNOWN_SHAPES_M**2, spread**2)
+    rest = float(view.measured @ view.measured) - float(along @ along)
+    square = (rest + (along**2 / variance).sum(axis=1)) * model.dimension_share
+    spent = 0.5 * np.log(variance).sum(axis=1) + view.log_det
+    density = model.log_density(square, len(view.measured) * model.dimension_share, block.scene)
+    return np.asarray(density - model.dimension_share * spent)
+
+
+@cache
+def smooth_modes() -> Array:
+    """Random smooth changes of the cloth of root mean square one: their principal forms, [cells + ring, forms]."""
+    centre = cell_centres()
+    cloth = np.arange(len(centre)) < CELLS * CELLS
+    distance = np.linalg.norm(centre[:, None] - centre[None], axis=2)
+    kernel = np.exp(-0.5 * (distance / UNKNOWN_LENGTH) ** 2) * np.outer(cloth, cloth)
+    size, forms = np.linalg.eigh(kernel)
+    chosen = np.argsort(-size)[:UNKNOWN_FORMS]
+    return np.asarray(forms[:, chosen] * np.sqrt(np.maximum(size[chosen], 0.0)))
 
 
 def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:

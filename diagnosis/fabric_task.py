@@ -79,6 +79,7 @@ class CaptureResult:
         rms_m: of the capture against the base state.
         state: number of the base state among the fabric's and scene's; equal for repeats that fell into the same.
         sensor_known: the set states the sensor.
+        base: the base state.
         pose_known: the set states the camera's pose.
     """
 
@@ -92,6 +93,7 @@ class CaptureResult:
     rms_m: float
     state: int
     sensor_known: bool
+    base: KeyedDrape
     pose_known: bool = True
 
 
@@ -147,6 +149,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                     rms,
                     keys.index(drape.key),
                     capture.sensor_known,
+                    drape,
                     capture.pose_known,
                 )
             )

@@ -43,7 +43,19 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
         todo=advice(diagnosis),
         pictures=_pictures(diagnosis),
         assumed=diagnosis.assumed,
+        bars=_bars(diagnosis),
     )
+
+
+def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
+    """Name, length and colour of the shrinkage's bars."""
+    found = diagnosis.report.shrinkage
+    if found is None:
+        return []
+    bars = [("before", found.before, "#2b6cb0"), ("after", found.after, "#38a169")]
+    if found.control is not None:
+        bars.append(("wrong effect", found.control.after, "#a0aec0"))
+    return [*bars, ("noise floor", found.noise_floor, "#cbd5e0")]
 
 
 def sentence(diagnosis: Diagnosis) -> str:

@@ -12,8 +12,10 @@ from scipy.special import gammaln, logsumexp
 from diagnosis.block import Block, PixelBlock
 
 Array = NDArray[np.float64]
-FACTORS = np.geomspace(1.0, 100.0, 33)
+FACTORS = np.geomspace(2.0, 300.0, 33)
 """By how much pixel statistics may be off when something unknown is there."""
+WILD_SHARE = 0.3
+"""Of the pixel statistics, when something unknown is there."""
 SCALES = np.geomspace(0.3, 8.0, 25)
 """By how much errors of an ordinary block may be smaller or larger than modelled."""
 
@@ -137,9 +139,11 @@ def pixel_log_likelihood(pixels: PixelBlock, response: Array, model: LikelihoodM
 
 
 def pixel_unknown(pixels: PixelBlock, model: LikelihoodModel) -> float:
-    """Of pixel statistics that are off by any factor, each for itself."""
+    """Of pixel statistics some of which are off by any factor, each for itself."""
     if not len(pixels.measured):
         return 0.0
-    square = pixels.measured[:, None] ** 2 / FACTORS**2
-    values = log_student(square, 1.0, model.pixel_degrees) - np.log(FACTORS)
-    return float((logsumexp(values, axis=1) - np.log(len(FACTORS))).sum())
+    square = pixels.measured[:, None] ** 2
+    wild = log_student(square / FACTORS**2, 1.0, model.pixel_degrees) - np.log(FACTORS)
+    off = logsumexp(wild, axis=1) - np.log(len(FACTORS)) + np.log(WILD_SHARE)
+    calm = log_student(square[:, 0], 1.0, model.pixel_degrees) + np.log1p(-WILD_SHARE)
+    return float(np.logaddexp(off, calm).sum())

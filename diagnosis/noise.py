@@ -57,7 +57,7 @@ class NoiseModel:
     short_length: float = 0.04
     plane_m: float = 0.0003
     wide_sigma: float = 0.6
-    pixel_sigma: tuple[float, ...] = (0.02, 0.02, 0.1, 0.001, 0.03, 0.03)
+    pixel_sigma: tuple[float, ...] = (0.02, 0.02, 0.1, 0.001, 0.03, 0.03, 0.03)
 
 
 def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float], model: NoiseModel) -> Array:

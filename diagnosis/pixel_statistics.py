@@ -10,17 +10,18 @@ from diagnosis.reference import Reference
 EDGE_M = 0.012
 EDGE_NOISES = 7.0
 """A depth edge is larger than this length and than so many standard deviations of the noise."""
-PIXEL_NAMES = ("log_noise", "correlation", "log_step", "dropout", "edge_mix", "edge_blur")
+PIXEL_NAMES = ("log_noise", "correlation", "log_step", "dropout", "edge_mix", "edge_blur", "edge_ragged")
 
 
 def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArray[np.float64]:
     """Measured on smooth places of cloth and panel, and at the reference's depth edges.
 
     Returns:
-        float64 [6]: log of the noise [m] in the difference between pixels two apart; correlation of neighbouring
+        float64 [7]: log of the noise [m] in the difference between pixels two apart; correlation of neighbouring
         pixels' noise; log of the distance between depth values that occur [m]; share of pixels without data; share of
-        edge pixels between the two sides; mean absolute difference at edges, as a share of the step. NaN where too
-        little is seen.
+        edge pixels between the two sides; mean absolute difference at edges, as a share of the step; mean change of
+        that mixture from one pixel to the next along the edge (a blur mixes evenly, stray pixels do not). NaN where
+        too little is seen.
     """
     known = depth > 0
     smooth = (reference.depth > 0) & ~reference.edge
@@ -33,7 +34,7 @@ def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArra
     if expected.any():
         out[3] = np.count_nonzero(expected & ~known) / np.count_nonzero(expected)
     noise = float(np.exp(out[0])) if np.isfinite(out[0]) else 0.0
-    out[4], out[5] = _edges(depth, max(EDGE_M, EDGE_NOISES * noise))
+    out[4:] = _edges(depth, max(EDGE_M, EDGE_NOISES * noise))
     return out
 
 
@@ -61,10 +62,10 @@ def _step(values: NDArray[np.float32]) -> float:
     return float(np.log(np.median(gaps))) if gaps.size >= 3 else float("nan")
 
 
-def _edges(depth: NDArray[np.float32], least_m: float) -> tuple[float, float]:
+def _edges(depth: NDArray[np.float32], least_m: float) -> tuple[float, float, float]:
     """How pixels behave at the picture's own depth edges larger than ``least_m``."""
     counts = [0, 0]
-    widths = []
+    widths, changes = [], []
     for z in (depth, depth.T):
         left, middle, right = z[:, :-4], z[:, 2:-2], z[:, 4:]
         inner, outer = z[:, 1:-3], z[:, 3:-1]
@@ -73,11 +74,15 @@ def _edges(depth: NDArray[np.float32], least_m: float) -> tuple[float, float]:
         edge = seen & (np.abs(jump) > least_m)
         if not edge.any():
             continue
-        share = (middle[edge] - left[edge]) / jump[edge]
+        mixture = np.where(edge, (middle - left) / np.where(edge, jump, 1.0), np.nan)
+        share = mixture[edge]
         between = (share > 0.2) & (share < 0.8)
+        change = np.abs(np.diff(np.clip(mixture, -0.5, 1.5), axis=0))
+        changes.append(change[np.isfinite(change)])
         counts[0] += int(np.count_nonzero(between))
         counts[1] += int(np.count_nonzero(edge))
         widths.append(np.abs(outer[edge] - inner[edge]) / np.abs(jump[edge]))
-    if counts[1] < 60:
-        return float("nan"), float("nan")
-    return counts[0] / counts[1], float(np.mean(np.concatenate(widths)))
+    along = np.concatenate(changes) if changes else np.zeros(0)
+    if counts[1] < 60 or len(along) < 30:
+        return float("nan"), float("nan"), float("nan")
+    return counts[0] / counts[1], float(np.mean(np.concatenate(widths))), float(np.mean(along))

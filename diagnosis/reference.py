@@ -82,7 +82,9 @@ def make_reference(drape: Drape, scene: SimulationScene, *, least_pixels: int = 
     gradient = np.hypot(*_differences(seen.depth)) / np.maximum(pixel, 1e-6)
     steep = np.minimum(np.nan_to_num(gradient), 3.0)
     slope = _cell_mean(np.where(seen.cloth, steep, 0.0), cell, total)
-    return Reference(seen.depth, cell, panel, edge, slope, _cell_mean(height, cell, total), _centres(), least_pixels)
+    return Reference(
+        seen.depth, cell, panel, edge, slope, _cell_mean(height, cell, total), cell_centres(), least_pixels
+    )
 
 
 def _side_cell(at: NDArray[np.float64]) -> NDArray[np.int32]:
@@ -112,7 +114,8 @@ def _cell_mean(values: NDArray[np.floating], cell: NDArray[np.int32], total: int
     return np.bincount(cell[inside], values[inside], minlength=total) / np.maximum(count, 1)
 
 
-def _centres() -> NDArray[np.float64]:
+def cell_centres() -> NDArray[np.float64]:
+    """Place of each cell of the cloth, then of the ring, in units of the sample, (u, v), [cells + ring, 2]."""
     middle = (np.arange(CELLS) + 0.5) / CELLS
     v, u = np.meshgrid(middle, middle, indexing="ij")
     along = (np.arange(RING_CELLS) + 0.5) / RING_CELLS

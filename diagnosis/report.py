@@ -56,6 +56,41 @@ class CauseReport(_Model):
     not_separable_from: tuple[str, ...]
 
 
+class RegionShrinkage(_Model):
+    """Before and after in one region of the cloth, in the shrinkage's unit."""
+
+    region: Region
+    before: float
+    after: float
+    noise_floor: float
+
+
+class Control(_Model):
+    """What the most flexible effect that is not named would have gained, fold by fold."""
+
+    effects: tuple[str, ...]
+    after: float
+    fraction: float
+
+
+class Perceived(_Model):
+    """The same as people see it: LPIPS drape distance between shaded pictures of captures and simulations."""
+
+    before: float
+    after: float
+    noise_floor: float | None
+    backend: str
+    captures: int
+
+
+class RefittedParameters(_Model):
+    """Ordinary parameters of a held-out fabric, refitted without and with the effect."""
+
+    fabric: str
+    before: dict[str, float]
+    after: dict[str, float]
+
+
 class Shrinkage(_Model):
     """How far the gap shrinks on held-out captures once the effect is added."""
 
@@ -66,6 +101,12 @@ class Shrinkage(_Model):
     fraction: float
     interval_90: tuple[float, float]
     unit: str = "mm"
+    simulated_afresh: bool = False
+    control: Control | None = None
+    regions: tuple[RegionShrinkage, ...] = ()
+    parameters: tuple[RefittedParameters, ...] = ()
+    perceived: Perceived | None = None
+    note: str | None = None
 
 
 class CostReport(_Model):

@@ -165,7 +165,7 @@ class _Look:
         drape = self.origin
         if fabric != self.fabric or (scene.setup, scene.mechanics) != (self.scene.setup, self.scene.mechanics):
             drape = self.simulator.proceed(self.origin, fabric, scene)
-        return _clean(self.vector(drape, scene) - self.base)
+        return clean(self.vector(drape, scene) - self.base)
 
     def common(self) -> dict[str, Array]:
         """Parameters, pins and mesh."""
@@ -177,7 +177,7 @@ class _Look:
                 scene = self.scene.with_setup(self.scene.setup.with_pins(**{name: moved}))
                 pins.append(self.change(self.fabric, scene) / PIN_STEP_M)
         mesh = measure(picture_of(self.origin.drape, self.scene), self.reference, with_pixels=False).vector()
-        return {"parameters": np.stack(parameters), "pins": np.stack(pins), "mesh": _clean(mesh)}
+        return {"parameters": np.stack(parameters), "pins": np.stack(pins), "mesh": clean(mesh)}
 
     def grip(self) -> dict[str, Array]:
         """Magnets that hold a point, or a patch where they are stated as points; on the fine mesh."""
@@ -186,9 +186,7 @@ class _Look:
         drape = self.simulator.proceed(
             self.state, self.fabric, self.scene.with_setup(replace(setup, pin_radius_m=other))
         )
-        return {
-            "grip": _clean(measure(picture_of(drape.drape, self.scene), self.reference, with_pixels=False).vector())
-        }
+        return {"grip": clean(measure(picture_of(drape.drape, self.scene), self.reference, with_pixels=False).vector())}
 
     def effect(self, effect: Effect) -> dict[str, Array]:
         """One effect at all its nodes."""
@@ -201,8 +199,8 @@ class _Look:
             if effect.stage is Stage.SENSOR:
                 features = _sensed(self.picture, changed, self.reference)
                 rows[number] = (
-                    _clean(features.vector() - self.sensed.vector()),
-                    _clean(features.pixels - self.sensed.pixels),
+                    clean(features.vector() - self.sensed.vector()),
+                    clean(features.pixels - self.sensed.pixels),
                 )
             elif changed == self.scene:
                 rows[number] = (np.zeros(len(self.base)), still)
@@ -238,5 +236,6 @@ def _sensed(picture: NDArray[np.float32], scene: SimulationScene, reference: Ref
     return measure(noisy, reference)
 
 
-def _clean(change: Array) -> Array:
+def clean(change: Array) -> Array:
+    """A change with zeros where nothing can be said."""
     return np.where(np.isfinite(change), change, 0.0)

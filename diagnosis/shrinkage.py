@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,61 +12,146 @@ from diagnosis.block import Block, PixelBlock
 from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
+from diagnosis.fresh import FreshLook, Sized
 from diagnosis.likelihood import LikelihoodModel
-from diagnosis.report import Shrinkage
+from diagnosis.reference import cell_centres
+from diagnosis.regions import REGIONS, region_of_cells
+from diagnosis.report import Control, RegionShrinkage, Shrinkage
 from diagnosis.subtract import response_to
 
+Array = NDArray[np.float64]
 PLAIN = 3.0
 """Standard deviations beyond which a shared number shows an effect."""
+DRAWS = 400
 PixelsOf = Callable[[Set[str]], PixelBlock]
 
 
-def response_of(block: Block, cause: Cause) -> NDArray[np.float64]:
+@dataclass(frozen=True)
+class Judge:
+    """Takes effects out of blocks: by fresh simulation where it has the fabric's states, else by known responses.
+
+    Attributes:
+        looks: by fabric; empty: nothing is simulated.
+    """
+
+    looks: Mapping[str, FreshLook]
+
+    def response(self, block: Block, effects: Sequence[Sized]) -> Array:
+        """Change of a block's measurements by effects together [m], [n]."""
+        shown = [(name, size) for name, size in effects if not get_effect(name).random_repeats]
+        if not shown:
+            return np.zeros(len(block.owner))
+        look = self.looks.get(block.fabric)
+        if look is None:
+            return block.metres(_whitened(block, shown))
+        own = {c.id: c for c in look.result.captures}
+        changes = np.stack([look.change(own[name], shown) for name in block.captures])
+        return np.asarray(changes[block.owner, block.cell])
+
+
+def sized(cause: Cause) -> list[Sized]:
+    """The named effects with their sizes."""
+    return [(name, cause.size(name)) for name in cause.named]
+
+
+def response_of(block: Block, cause: Cause) -> Array:
     """Whitened response of a block to the named effects at their fitted sizes, [n]."""
+    return _whitened(block, [(n, s) for n, s in sized(cause) if not get_effect(n).random_repeats])
+
+
+def _whitened(block: Block, effects: Sequence[Sized]) -> Array:
     total = np.zeros(len(block.stated.measured))
-    for name in cause.named:
-        if not get_effect(name).random_repeats:
-            total = total + response_to(block.stated.responses, name, cause.size(name))
+    for name, size in effects:
+        total = total + response_to(block.stated.responses, name, size)
     return total
 
 
-def refitted_residual(block: Block, response: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What is left in metres after the effect and the best parameters within their stated uncertainty; and its floor.
+@dataclass(frozen=True)
+class Refit:
+    """A block after an effect and the best parameters within their stated uncertainty.
 
-    Parameters are refitted by their posterior mean under the block's covariance.
-
-    Returns:
-        Residual [n] and expected variance of it without any effect [n], metres and m².
+    Attributes:
+        left: what is left [m], [n].
+        variance: what is expected of it without any effect [m²], [n].
+        deviation: of the seven parameters from what is stated, in stated standard deviations, [7].
     """
-    residual = block.metres(block.stated.measured - response)
+
+    left: Array
+    variance: Array
+    deviation: Array
+
+
+def refit(block: Block, response: Array) -> Refit:
+    """Take a response [m] out and refit the parameters by their posterior mean under the block's covariance."""
+    residual = block.metres(block.stated.measured) - response
     covariance = block.stated.factor @ block.stated.factor.T
-    gain = block.jacobian.T @ block.jacobian @ np.linalg.solve(covariance, np.eye(len(residual)))
-    left = residual - gain @ residual
-    spread = np.eye(len(residual)) - gain
-    return np.asarray(left), np.asarray(np.diag(spread @ covariance @ spread.T))
+    gain = block.jacobian @ np.linalg.inv(covariance)
+    deviation = gain @ residual
+    spread = np.eye(len(residual)) - block.jacobian.T @ gain
+    variance = np.einsum("ij,jk,ik->i", spread, covariance, spread, optimize=True)
+    return Refit(np.asarray(residual - block.jacobian.T @ deviation), variance, np.asarray(deviation))
 
 
-def repeat_squares(block: Block, values: NDArray[np.float64]) -> float | None:
+def refitted_residual(block: Block, response: Array) -> tuple[Array, Array]:
+    """What is left in metres after a (whitened) response and a refit, and its expected variance without any effect."""
+    found = refit(block, block.metres(response))
+    return found.left, found.variance
+
+
+def repeat_squares(block: Block, values: Array, chosen: NDArray[np.bool_] | None = None) -> float | None:
     """Mean square by which repeats differ from their mean, cell by cell; None where there is one capture.
 
     Args:
         block: whose captures.
         values: residuals [m], [n].
+        chosen: measurements that count, bool [n]; all by default.
     """
     count = len(block.captures)
     if count < 2:
         return None
     table = np.full((count, int(block.cell.max()) + 1), np.nan)
-    table[block.owner, block.cell] = values
+    table[block.owner, block.cell] = values if chosen is None else np.where(chosen, values, np.nan)
     everywhere = np.isfinite(table).all(axis=0)
     if not everywhere.any():
         return None
     return float(np.var(table[:, everywhere], axis=0, ddof=1).mean())
 
 
+@dataclass(frozen=True)
+class Held:
+    """A block that was held out.
+
+    Attributes:
+        block: it.
+        effects: found and fitted without it.
+        squares: mean squares before, after, of the floor and after the control, by region, ``all`` last [m²],
+            [regions, 4].
+        before, after: refitted parameters, in stated standard deviations, without and with the effects, [7].
+    """
+
+    block: Block
+    effects: tuple[Sized, ...]
+    squares: Array
+    before: Array
+    after: Array
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A shrinkage with the blocks that it rests on (none where it is judged by shared numbers)."""
+
+    shrinkage: Shrinkage
+    held: tuple[Held, ...]
+
+
 def measure_shrinkage(
-    cause: Cause, effects: tuple[str, ...], blocks: list[Block], pixels_of: PixelsOf, model: LikelihoodModel
-) -> Shrinkage | None:
+    cause: Cause,
+    effects: tuple[str, ...],
+    blocks: list[Block],
+    pixels_of: PixelsOf,
+    model: LikelihoodModel,
+    judge: Judge = Judge({}),
+) -> Measured | None:
     """Two-fold over fabrics: each half is judged with the effect named and fitted on the other half.
 
     Only ``stretch`` counts where there is any, as for the gap: ``hanging`` shows which folds fell rather than what is
@@ -78,6 +164,7 @@ def measure_shrinkage(
         blocks: of all fabrics.
         pixels_of: pixel block of some fabrics, by their ids.
         model: see there.
+        judge: simulates what is found.
 
     Returns:
         None when no effect is named or there is only one fabric.
@@ -90,49 +177,101 @@ def measure_shrinkage(
     in_numbers = in_numbers and len(numbers) > 0 and float(np.max(np.abs(numbers))) > PLAIN
     judged = [b for b in blocks if in_numbers or b.scene == "stretch"] or blocks
     halves = (set(fabrics[::2]), set(fabrics[1::2]))
-    rows: list[tuple[float, float, float]] = []
+    rows: list[Array] = []
+    shown: list[Held] = []
+    wrong: list[str] = []
     for held, other in (halves, halves[::-1]):
         train = [b for b in blocks if b.fabric in other]
         found = name_cause(effects, train, pixels_of(other), model, pairs=len(cause.named) > 1)
+        rival = most_flexible_wrong(found, cause)
+        wrong.append(rival[0] if rival else "none")
         if in_numbers:
-            rows += [_pixel_row(pixels_of({fabric}), found) for fabric in sorted(held)]
+            rows += [_pixel_row(pixels_of({fabric}), found, rival) for fabric in sorted(held)]
         else:
-            rows += [_shape_row(block, found) for block in judged if block.fabric in held]
-    squares = np.array(rows).T
+            shown += [hold_out(block, sized(found), rival, judge) for block in judged if block.fabric in held]
+    rows += [one.squares for one in shown]
+    return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, bool(judge.looks)), tuple(shown))
+
+
+def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:
+    """Of the effects that are not named, the one that explains most at its best size."""
+    wrong = [
+        e
+        for name, e in found.evidence.items()
+        if name not in (*NOT_EFFECTS, *cause.named) and not get_effect(name).random_repeats
+    ]
+    best = max(wrong, key=lambda e: e.best, default=None)
+    return None if best is None else (best.name, best.size)
+
+
+def _summarise(rows: Array, judged: Sequence[Block], wrong: list[str], in_numbers: bool, fresh: bool) -> Shrinkage:
+    everything = rows[:, -1]
     rng = np.random.default_rng(0)
-    draws = [_fraction(squares[:, rng.integers(0, len(rows), len(rows))]) for _ in range(400)]
-    values = (1.0 if in_numbers else 1e3) * np.sqrt(np.mean(squares, axis=1))
+    draws = [fraction_of(everything[rng.integers(0, len(rows), len(rows))]) for _ in range(DRAWS)]
+    unit = 1.0 if in_numbers else 1e3
+    values = unit * np.sqrt(np.mean(everything, axis=0))
+    regions = []
+    for number, region in enumerate(REGIONS[:-1] if not in_numbers else ()):
+        own = rows[:, number][np.isfinite(rows[:, number]).all(axis=1)]
+        if len(own):
+            before, after, floor, _ = unit * np.sqrt(np.mean(own, axis=0))
+            regions.append(RegionShrinkage(region=region, before=before, after=after, noise_floor=floor))
     return Shrinkage(
         held_out=tuple(sorted(capture for block in judged for capture in block.captures)),
         before=float(values[0]),
         after=float(values[1]),
         noise_floor=float(values[2]),
-        fraction=_fraction(squares),
+        fraction=fraction_of(everything),
         interval_90=(float(np.quantile(draws, 0.05)), float(np.quantile(draws, 0.95))),
         unit="standard deviations" if in_numbers else "mm",
+        simulated_afresh=fresh and not in_numbers,
+        control=Control(
+            effects=tuple(wrong),
+            after=float(values[3]),
+            fraction=fraction_of(everything[:, [0, 3, 2, 3]]),
+        ),
+        regions=tuple(regions),
     )
 
 
-def _shape_row(block: Block, found: Cause) -> tuple[float, float, float]:
-    """Mean squares before and after, and the floor's [m²]."""
-    response = response_of(block, found)
-    before, variance = refitted_residual(block, np.zeros_like(response))
-    after, _ = refitted_residual(block, response)
-    floor = repeat_squares(block, before)
-    return float(np.mean(before**2)), float(np.mean(after**2)), float(np.mean(variance)) if floor is None else floor
+def hold_out(block: Block, effects: Sequence[Sized], rival: Sized | None, judge: Judge) -> Held:
+    """Judge a block with effects that were found without it, and with a wrong one."""
+    before = refit(block, np.zeros(len(block.owner)))
+    after = refit(block, judge.response(block, effects))
+    control = refit(block, block.metres(_whitened(block, [rival] if rival else [])))
+    masks = region_of_cells(block.scene, cell_centres())
+    rows = []
+    for region in REGIONS:
+        chosen = masks[region][block.cell]
+        if not chosen.any():
+            rows.append([np.nan] * 4)
+            continue
+        floor = repeat_squares(block, before.left, chosen)
+        least = float(np.mean(before.variance[chosen])) if floor is None else floor
+        squares = [float(np.mean(found.left[chosen] ** 2)) for found in (before, after, control)]
+        rows.append([squares[0], squares[1], least, squares[2]])
+    return Held(block, tuple(effects), np.array(rows), before.deviation, after.deviation)
 
 
-def _pixel_row(pixels: PixelBlock, found: Cause) -> tuple[float, float, float]:
-    """The same of the numbers that a set shares, in squares of their standard deviations."""
-    left = pixels.measured
-    for name in found.named:
+def _pixel_row(pixels: PixelBlock, found: Cause, rival: Sized | None) -> Array:
+    """The same of the numbers that a set shares, in squares of their standard deviations, [1, 4]."""
+
+    explanations: list[list[Sized]] = [[], sized(found), [rival] if rival else []]
+    before, after, control = (numbers_left(pixels, effects) for effects in explanations)
+    return np.array([[before, after, 1.0, control]])
+
+
+def numbers_left(pixels: PixelBlock, effects: Sequence[Sized]) -> float:
+    """Mean square of the numbers that a set shares once effects are taken out, in standard deviations squared."""
+    rest = pixels.measured
+    for name, size in effects:
         if not get_effect(name).random_repeats:
-            left = left - response_to(pixels.responses, name, found.size(name))
-    return float(np.mean(pixels.measured**2)), float(np.mean(left**2)), 1.0
+            rest = rest - response_to(pixels.responses, name, size)
+    return float(np.mean(rest**2))
 
 
-def _fraction(squares: NDArray[np.float64]) -> float:
-    """Share of the gap above the floor that goes away, by the root mean square over blocks."""
-    before, after, floor = np.sqrt(np.mean(squares, axis=1))
+def fraction_of(squares: Array) -> float:
+    """Share of the gap above the floor that goes away, by the root mean square over blocks, [blocks, 3 or more]."""
+    before, after, floor = np.sqrt(np.mean(squares, axis=0))[:3]
     floor = min(floor, after)
     return float(np.clip((before - after) / max(before - floor, 1e-9), -1.0, 1.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,4 +101,15 @@ def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.floa
     weights[np.arange(len(at)), place + 1] += share
     if effect.vanishes_at_zero:
         weights = np.delete(weights, int(np.flatnonzero(knots == 0.0)[0]), axis=1)
+    return weights
+
+
+def node_weights(effect: Effect, size: Mapping[str, float]) -> NDArray[np.float64]:
+    """Weights of all nodes (of all places) that give the response at a size, [nodes]."""
+    if effect.vector:
+        return np.array([size[c] for c in effect.components]) / vector_step(effect)
+    own = interpolation(effect, np.array([size[SCALAR]]))[0]
+    place = next(n for n, p in enumerate(effect.places) if all(size[key] == value for key, value in p.items()))
+    weights = np.zeros(len(own) * len(effect.places))
+    weights[place * len(own) : (place + 1) * len(own)] = own
     return weights

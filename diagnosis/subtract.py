@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.block import Block, PixelBlock
-from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.sizes import interpolation, vector_step
+from diagnosis.sizes import node_weights
 
 Array = NDArray[np.float64]
 
@@ -27,12 +26,7 @@ def response_to(responses: Mapping[str, Array], name: str, size: Mapping[str, fl
     effect = get_effect(name)
     if effect.random_repeats:
         return np.zeros(next(iter(responses.values())).shape[1])
-    rows = responses[name]
-    if effect.vector:
-        return np.asarray(np.array([size[c] for c in effect.components]) / vector_step(effect) @ rows)
-    weights = interpolation(effect, np.array([size[SCALAR]]))[0]
-    place = next(n for n, p in enumerate(effect.places) if all(size[key] == value for key, value in p.items()))
-    return np.asarray(weights @ rows[place * len(weights) : (place + 1) * len(weights)])
+    return np.asarray(node_weights(effect, size) @ responses[name])
 
 
 def without(block: Block, name: str, size: Mapping[str, float]) -> Block:

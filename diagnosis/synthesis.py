@@ -29,6 +29,7 @@ from simcore.solver import Solver
 SET_CAMERA = Camera(640, 480, 475.0, 475.0, 319.5, 239.5)
 SET_SENSOR = SensorModel(range_noise_m=0.001, at_m=0.9, quantisation_m=0.0002)
 ATTEMPTS = 4
+SCENE_NUMBERS = {"hanging": 0, "stretch": 1}
 NO_CACHE = DrapeCache(None)
 DIAGNOSABLE = {
     "stretch_warp": (50.0, 2000.0),
@@ -50,6 +51,7 @@ class SynthesisPlan:
         fabrics: number of fabrics, drawn from the prior.
         scenes: names.
         repeats: captures a fabric and scene.
+        first_repeat: number of the first; others of one seed are further captures of the same samples.
         resolution_m: of the mesh.
         parameters_cv, density_cv: how far the stated parameters are off the simulated ones (log-normal).
         pin_radius_m: of the magnets.
@@ -61,6 +63,7 @@ class SynthesisPlan:
     fabrics: int = 4
     scenes: tuple[str, ...] = ("hanging", "stretch")
     repeats: int = 2
+    first_repeat: int = 0
     resolution_m: float = 0.01
     parameters_cv: float = 0.07
     density_cv: float = 0.02
@@ -85,6 +88,16 @@ def misstate(
         if is_admissible(values[None])[0]:
             return FabricParameters.from_array(values)
     return fabric
+
+
+def real_fabric(plan: SynthesisPlan, number: int, stated: FabricParameters, *, first: bool) -> FabricParameters:
+    """What is simulated where this is stated; the ``first`` fabric may have a parameter that is plainly wrong."""
+    rng = np.random.default_rng([plan.seed, number, 1])
+    real = misstate(stated, plan.parameters_cv, plan.density_cv, rng)
+    if plan.wrong is None or not first:
+        return real
+    name, factor = plan.wrong
+    return FabricParameters.from_mapping({**real.as_dict(), name: getattr(real, name) * factor})
 
 
 def make_capture_set(
@@ -115,16 +128,11 @@ def make_capture_set(
     shelf = _Shelf(Solver(GridMesh(plan.resolution_m)), plan.jitter, cache)
     entries: list[dict[str, Any]] = []
     for place, (number, fabric) in enumerate(stated.items()):
-        rng = np.random.default_rng([plan.seed, number, 1])
-        real = misstate(fabric, plan.parameters_cv, plan.density_cv, rng)
-        if plan.wrong is not None and place == 0:
-            real = FabricParameters.from_mapping(
-                {**real.as_dict(), plan.wrong[0]: getattr(real, plan.wrong[0]) * plan.wrong[1]}
-            )
-        for scene_number, scene_name in enumerate(plan.scenes):
-            for repeat in range(plan.repeats):
+        real = real_fabric(plan, number, fabric, first=place == 0)
+        for scene_name in plan.scenes:
+            for repeat in range(plan.first_repeat, plan.first_repeat + plan.repeats):
                 capture_id = f"f{place + 1}-{scene_name}-{repeat}"
-                words = (plan.seed, number, scene_number, repeat)
+                words = (plan.seed, number, SCENE_NUMBERS[scene_name], repeat)
                 scene = build_scene(scene_name, plan, [(e, _of_repeat(e, size, words)) for e, size in effects])
                 drape = shelf.drape(real, scene, words)
                 noise = np.random.default_rng(np.random.SeedSequence((*words, 7, len(name), *name.encode())))

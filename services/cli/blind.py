@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 
@@ -59,6 +60,10 @@ def score(
     out: Path = typer.Argument(..., help="Folder that `blind make` wrote."),
     page: Path | None = typer.Option(None, "--page", help="Also write the result as a Markdown page."),
     workers: int = typer.Option(1, "--workers", help="Processes; each takes a fabric at a time."),
+    train: Path | None = typer.Option(
+        None, "--train", help="Another, scored check, to train a plain classifier on as a baseline."
+    ),
+    minutes: float = typer.Option(0.0, "--minutes", help="Begin no further case after this time; 0: do all."),
     json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
     """Diagnose all sealed sets without their labels, then open the labels and count.
@@ -70,14 +75,19 @@ def score(
       drapemeter blind score check/ --page check.md
     """
     from diagnosis.blind_page import render_page
-    from diagnosis.blind_score import answer_cases, read_manifest
+    from diagnosis.blind_score import answer_cases, classify, read_manifest
     from diagnosis.blind_score import score as count
     from diagnosis.drape_cache import DrapeCache
+    from diagnosis.effects import catalogue
     from renderer.atomic import write_atomically
 
     manifest = read_manifest(out)
     with console.progress("diagnosing", total=manifest["cases"]) as bar:
-        answers = answer_cases(out, cache=DrapeCache.default(), workers=workers, on_case=bar.advance)
+        limit = 60.0 * minutes or math.inf
+        answers = answer_cases(out, cache=DrapeCache.default(), workers=workers, seconds=limit, on_case=bar.advance)
+    if train is not None:
+        effects = [name for name in catalogue() if name not in manifest["withhold"]]
+        answers = classify(out, train, answers, effects)
     result = count(answers)
     if page is not None:
         page.parent.mkdir(parents=True, exist_ok=True)

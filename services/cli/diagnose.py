@@ -38,6 +38,8 @@ def diagnose(
     ),
     atlas: Path | None = typer.Option(None, "--atlas", help="Folder of simulations; default: the user's cache."),
     build_atlas: bool = typer.Option(False, "--build-atlas", help="Only simulate what does not depend on pictures."),
+    afresh: bool = typer.Option(True, help="Simulate what may be named at its fitted size and judge again."),
+    lpips: bool = typer.Option(True, help="Say how far the gap shrinks in LPIPS drape distance, too."),
     json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
     """Compare captures with simulations of the same fabrics; name the effect that the simulation lacks.
@@ -59,7 +61,7 @@ def diagnose(
         raise InputError(f"{out} is a file: give a folder for the report", code="output_is_file")
     if workers < 1:
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
-    options = DiagnosisOptions(_names(effects), _names(without), resolution, workers)
+    options = DiagnosisOptions(_names(effects), _names(without), resolution, workers, afresh, lpips)
     options.chosen()
     captures = CaptureSet.load(capture_set)
     cache = DrapeCache.default() if atlas is None else open_atlas(atlas)

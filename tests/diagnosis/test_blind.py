@@ -23,7 +23,7 @@ def answer(kind: str, truth: list[dict[str, Any]], top: str, p: float, detected:
     report = {
         "gap": {"detected": detected, "p_value": 0.01},
         "cause": {"top": top, "probabilities": {top: p, "none": 1 - p}, "effects": named},
-        "shrinkage": {"fraction": 0.8} if named else None,
+        "shrinkage": {"fraction": 0.8, "control": {"fraction": 0.1}} if named else None,
     }
     label = {"kind": kind, "effects": truth, "wrong_parameter": None}
     baselines = {

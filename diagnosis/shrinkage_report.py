@@ -1,0 +1,49 @@
+"""What a shrinkage says beside its millimetres: refitted parameters, and the same as people see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from diagnosis.fresh import FreshLook
+from diagnosis.report import RefittedParameters, Shrinkage
+from diagnosis.shrinkage import Held, Measured
+from simcore.errors import MissingResourceError
+from simcore.parameters import FabricParameters
+
+
+def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool) -> Shrinkage:
+    """The shrinkage with refitted parameters, and in LPIPS where that is wanted and can be.
+
+    Args:
+        measured: the shrinkage and the blocks that were held out.
+        looks: by fabric; empty: nothing can be simulated.
+        lpips: measure LPIPS; a note says why where it cannot be.
+    """
+    from diagnosis.perception import perceived, refitted
+
+    made = measured.shrinkage
+    if not looks or not measured.held:
+        return made
+    parameters = tuple(
+        RefittedParameters(
+            fabric=one.block.fabric,
+            before=_plain(refitted(looks[one.block.fabric], one.before)),
+            after=_plain(refitted(looks[one.block.fabric], one.after)),
+        )
+        for one in _first_of_each(measured.held)
+    )
+    changes: dict[str, object] = {"parameters": parameters}
+    if lpips:
+        try:
+            changes["perceived"] = perceived(measured.held, looks)
+        except MissingResourceError as error:
+            changes["note"] = f"not measured in LPIPS: {error}"
+    return made.model_copy(update=changes)
+
+
+def _first_of_each(held: tuple[Held, ...]) -> list[Held]:
+    return list({one.block.fabric: one for one in reversed(held)}.values())
+
+
+def _plain(fabric: FabricParameters) -> dict[str, float]:
+    return {name: float(value) for name, value in fabric.as_dict().items()}
