@@ -9,9 +9,18 @@ from typing import Any
 
 import pytest
 
-from diagnosis.blind_make import LABELS_FOLDER, MANIFEST_FILE, BlindPlan, draw_label, make_blind_check
+from diagnosis.blind_make import (
+    LABELS_FOLDER,
+    MANIFEST_FILE,
+    SHUFFLED,
+    BlindPlan,
+    draw_kinds,
+    draw_label,
+    is_sealed,
+    make_blind_check,
+)
 from diagnosis.blind_page import render_page
-from diagnosis.blind_score import Answer, read_manifest, same, score
+from diagnosis.blind_score import Answer, open_label, read_manifest, same, score
 from diagnosis.drape_cache import DrapeCache
 from simcore.errors import InputError
 
@@ -75,6 +84,26 @@ def test_labels_are_sealed_in_files_of_their_own(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         make_blind_check(tmp_path, BlindPlan(1, 4, fabrics=1, repeats=1, pool=1), cache=DrapeCache(None))
     assert caught.value.code == "blind_other_plan"
+    altered = json.loads(sealed)
+    altered["kind"] = "none" if altered["kind"] != "none" else "named"
+    (tmp_path / LABELS_FOLDER / "case-001.json").write_text(json.dumps(altered))
+    with pytest.raises(InputError) as caught:
+        open_label(tmp_path, "case-001", DrapeCache(None))
+    assert caught.value.code == "blind_label_changed"
+
+
+def test_a_case_that_was_not_finished_is_made_again(tmp_path: Path) -> None:
+    (tmp_path / "captures.json").write_text('{"format": "drape-capture-set/1"}')
+    assert not is_sealed(tmp_path)
+    (tmp_path / "captures.json").write_text('{"label_sha256": "00"}')
+    assert is_sealed(tmp_path)
+
+
+def test_kinds_come_in_the_same_proportions_all_along() -> None:
+    kinds = draw_kinds(BlindPlan(60, 5, withhold=("crease",)))
+    assert kinds[:25].count("two") == kinds[25:50].count("two") == SHUFFLED["two"]
+    assert draw_kinds(BlindPlan(30, 5, withhold=("crease",))) == kinds[:30]
+    assert "withheld" not in draw_kinds(BlindPlan(60, 5))
 
 
 def test_all_visible_effects_come_up() -> None:
