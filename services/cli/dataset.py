@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from services.cli import console
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 
 if TYPE_CHECKING:
     from services.dataset.configuration import SweepConfiguration
@@ -220,6 +220,8 @@ def sweep(
         except KeyboardInterrupt:
             console.note(f"{out}: what is done is kept; the same command with --resume goes on")
             raise
+        except StoreError as error:
+            raise StoreError(f"{error}; what is done is kept, --resume does the rest", code=error.code) from error
     if json_output:
         console.emit_json(summary)
         return

@@ -13,12 +13,13 @@ import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 SWIFT = "swift-proxy-server"
 KEY, SECRET, REGION = "test:tester", "testing", "us-east-1"
 BUCKET = "drapes"
+MOTO = [sys.executable, "-m", "moto.server"]
 
 SWIFT_SERVER = """
 [DEFAULT]
@@ -48,19 +49,47 @@ location = us-east-1
 SWIFT_FILTERS += "[filter:cache]\nuse = egg:swift#memcache\n"
 
 
-@dataclass(frozen=True)
+@dataclass
 class S3Server:
-    """A running server.
+    """A server, running or killed.
 
     Attributes:
         kind: ``swift`` or ``moto``.
         port: on 127.0.0.1.
-        checks_credentials: wrong ones are refused.
+        commands: its processes' command lines by name; the one that answers clients comes last.
+        folder: of logs and, but for moto, of the data.
+        processes: those that run.
     """
 
     kind: str
     port: int
-    checks_credentials: bool
+    commands: dict[str, list[str]]
+    folder: Path
+    processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
+
+    @property
+    def checks_credentials(self) -> bool:
+        """Wrong ones are refused."""
+        return self.kind == "swift"
+
+    @property
+    def keeps_data(self) -> bool:
+        """What was stored is there when it is started again."""
+        return self.kind == "swift"
+
+    def start(self) -> None:
+        """Start it, again if it was killed, on the same port and data; returns when it answers."""
+        for name, command in self.commands.items():
+            with (self.folder / f"{name}.log").open("a") as log:
+                self.processes.append(subprocess.Popen(command, stdout=log, stderr=log))
+        wait_for_answer(self.port)
+
+    def kill(self) -> None:
+        """SIGKILL for all its processes, first the one that answers clients."""
+        while self.processes:
+            process = self.processes.pop()
+            process.kill()
+            process.wait()
 
     def environment(self, port: int | None = None) -> dict[str, str]:
         """What obstore needs to reach it, through a proxy's port if one is given."""
@@ -84,50 +113,33 @@ def s3_server(folder: Path) -> Iterator[S3Server]:
     """The server with an empty bucket, until the end of the block."""
     port = free_port()
     real = shutil.which(SWIFT) is not None and os.environ.get("DRAPEMETER_TEST_S3") != "moto"
-    processes = start_swift(folder, port) if real else start_moto(folder, port)
+    commands = lay_out_swift(folder, port) if real else {"moto": [*MOTO, "-H", "127.0.0.1", "-p", str(port)]}
+    server = S3Server("swift" if real else "moto", port, commands, folder)
     try:
-        wait_for_answer(port)
-        server = S3Server("swift" if real else "moto", port, real)
+        server.start()
         make_bucket(server)
         yield server
     finally:
-        for process in processes:
-            process.kill()
-            process.wait()
+        server.kill()
 
 
-def start_swift(folder: Path, port: int) -> list[subprocess.Popen[bytes]]:
-    """Account, container, object and proxy servers on one device."""
+def lay_out_swift(folder: Path, port: int) -> dict[str, list[str]]:
+    """Rings and configurations of account, container, object and proxy servers on one device; their command lines."""
     device = folder / "devices" / "d1"
     device.mkdir(parents=True)
-    processes = []
+    configurations = {}
     for kind in ("account", "container", "object"):
         own = free_port()
         ring = ["swift-ring-builder", str(folder / f"{kind}.builder")]
         add = ["add", "--region", "1", "--zone", "1", "--ip", "127.0.0.1", "--port", str(own), "--device", "d1"]
         for step in (["create", "4", "1", "0"], [*add, "--weight", "1"], ["rebalance"]):
             subprocess.run([*ring, *step], check=True, capture_output=True)
-        text = SWIFT_SERVER.format(port=own, folder=folder, pipeline=f"{kind}-server", kind=kind)
-        processes.append(start_swift_server(folder, kind, text))
+        configurations[kind] = SWIFT_SERVER.format(port=own, folder=folder, pipeline=f"{kind}-server", kind=kind)
     pipeline = "catch_errors gatekeeper cache listing_formats bulk s3api tempauth proxy-server"
-    text = SWIFT_SERVER.format(port=port, folder=folder, pipeline=pipeline, kind="proxy") + SWIFT_FILTERS
-    processes.append(start_swift_server(folder, "proxy", text))
-    return processes
-
-
-def start_swift_server(folder: Path, kind: str, configuration: str) -> subprocess.Popen[bytes]:
-    """One of Swift's processes."""
-    path = folder / f"{kind}-server.conf"
-    path.write_text(configuration)
-    with (folder / f"{kind}.log").open("w") as log:
-        return subprocess.Popen([f"swift-{kind}-server", str(path)], stdout=log, stderr=log)
-
-
-def start_moto(folder: Path, port: int) -> list[subprocess.Popen[bytes]]:
-    """The stand-in."""
-    with (folder / "moto.log").open("w") as log:
-        command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-        return [subprocess.Popen(command, stdout=log, stderr=log)]
+    proxy = SWIFT_SERVER.format(port=port, folder=folder, pipeline=pipeline, kind="proxy") + SWIFT_FILTERS
+    for kind, text in (configurations | {"proxy": proxy}).items():
+        (folder / f"{kind}-server.conf").write_text(text)
+    return {kind: [f"swift-{kind}-server", str(folder / f"{kind}-server.conf")] for kind in (*configurations, "proxy")}
 
 
 def wait_for_answer(port: int) -> None:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from renderer.store import Store, StoreWriter, store_exists
+from renderer.store_location import listed_sizes
 from services.dataset.inspection import inspect_store
 from services.dataset.sweep import prepare_store
 from services.dataset.validation import validate_store
 from simcore.errors import InputError, StoreError
 from tests.services.dataset_helpers import COMMAND, SHARDS, small_sweep, write_without_ray
-from tests.services.fault_proxy import fault_proxy
+from tests.services.fault_proxy import FaultProxy, fault_proxy
 from tests.services.s3_server import BUCKET, S3Server, s3_server
 
 CONFIGURATION, FABRICS = small_sweep()
@@ -96,6 +100,67 @@ def test_a_lost_object_store_ends_the_sweep_and_a_resumed_one_is_the_same(
         write_shards(url, undisturbed, remaining)
         assert_same_as_folder(url, undisturbed)
         assert inspect_store(Store.open(url)).stored_bytes == inspect_store(Store.open(undisturbed)).stored_bytes
+
+
+def marks(url: str) -> int:
+    """Shards that are marked complete, by listing alone."""
+    return sum(key.startswith("checksum/c/") for key, _ in listed_sizes(url))
+
+
+def wait_for_marks(url: str, count: int, driver: subprocess.Popen[str]) -> None:
+    """Until so many shards are marked complete."""
+    for _ in range(1200):
+        if marks(url) >= count:
+            return
+        assert driver.poll() is None, "the sweep ended by itself"
+        time.sleep(0.05)
+    raise AssertionError(f"{count} shards were not finished in a minute")
+
+
+@contextmanager
+def outage(server: S3Server, proxy: FaultProxy) -> Iterator[None]:
+    """The server is killed and started again on its port and data; one that forgets them is cut off instead."""
+    if server.keeps_data:
+        server.kill()
+        yield
+        server.start()
+    else:
+        proxy.down = True
+        yield
+        proxy.down = False
+
+
+@pytest.mark.ray
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_sweep_rides_out_a_short_outage_and_is_resumed_after_a_long_one(
+    server: S3Server, undisturbed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = f"s3://{BUCKET}/outages.zarr"
+    with fault_proxy(server.port) as proxy:
+        use(monkeypatch, server.environment(None if server.keeps_data else proxy.port))
+        prepare_store(url, CONFIGURATION, resume=False)
+        command = [*COMMAND, "--workers", "1", "--out", url, "--resume", "--json"]
+        impatient = os.environ | {"DRAPEMETER_STORE_RETRY_S": "8"}
+        driver = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=impatient)
+        try:
+            wait_for_marks(url, 1, driver)
+            with outage(server, proxy):
+                time.sleep(3.0)
+            ridden_out = marks(url)
+            assert ridden_out < SHARDS, "the server was to be killed in mid-run"
+            wait_for_marks(url, ridden_out + 1, driver)
+            with outage(server, proxy):
+                _, said = driver.communicate(timeout=60)
+        finally:
+            driver.kill()
+            driver.wait()
+        assert driver.returncode == 1
+        assert [line for line in said.splitlines() if "[store_unreachable]" in line] == said.splitlines()[-1:]
+        assert "Traceback" not in said and "--resume" in said
+        assert ridden_out < marks(url) < SHARDS
+        subprocess.run(command, check=True, capture_output=True, timeout=200)
+        assert_same_as_folder(url, undisturbed)
 
 
 def test_wrong_credentials_are_bad_input(server: S3Server, monkeypatch: pytest.MonkeyPatch) -> None:
