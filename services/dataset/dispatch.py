@@ -65,6 +65,7 @@ class Dispatcher:
         options: how to spread it.
         listen: called with each worker's word.
         worker_class: what runs in a worker's process; another one in tests.
+        lost: called when a worker died or hung and its shard is done again, with which of the two it was.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class Dispatcher:
         options: DispatchOptions,
         listen: Callable[[SimulationDone], None] = lambda word: None,
         worker_class: type[Any] = ShardWorker,
+        lost: Callable[[RowStatus], None] = lambda status: None,
     ) -> None:
         import ray
 
@@ -83,6 +85,7 @@ class Dispatcher:
         self._fabrics = fabrics
         self._options = options
         self._listen = listen
+        self._tell_lost = lost
         self._actor_class = ray.remote(worker_class)
         self._retry: deque[int] = deque()
         self._deaths: Counter[int] = Counter()
@@ -220,6 +223,7 @@ class Dispatcher:
         import ray
 
         ray.kill(slot.actor)
+        self._tell_lost(status)
         numbers = self._configuration.layout.shard_simulations(slot.shard)
         self._shard_deaths[slot.shard] += 1
         if slot.done < len(numbers):

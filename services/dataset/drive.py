@@ -45,7 +45,8 @@ class Drive:
             metrics.count(word)
             listen(word)
 
-        Dispatcher(self.url, self.configuration, self.fabrics, self.options, hear).run(self.shards)
+        dispatcher = Dispatcher(self.url, self.configuration, self.fabrics, self.options, hear, lost=metrics.count_lost)
+        dispatcher.run(self.shards)
 
     def run_on_cluster(self, listen: Listener) -> None:
         """Run the loop as a task: Ray's client (``ray://``) cannot follow the workers' words itself.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from renderer.store import RowStatus
 from services.dataset.worker import SimulationDone
 
 
@@ -17,6 +18,11 @@ class SweepMetrics:
             "drapemeter_simulations_total", "Simulations by how they ended.", tag_keys=("status",)
         )
         self._shards = Counter("drapemeter_shards_total", "Shards stored.")
+        self._retried = Counter(
+            "drapemeter_shards_retried_total",
+            "Shards done again because their worker died (crashed) or hung (timed_out).",
+            tag_keys=("reason",),
+        )
         self._memory = Gauge("drapemeter_worker_rss_bytes", "Memory a worker holds.", tag_keys=("worker",))
         self._seconds = Histogram(
             "drapemeter_simulation_seconds",
@@ -35,3 +41,7 @@ class SweepMetrics:
         self._memory.set(word.rss_bytes, tags={"worker": str(word.process_id)})
         if word.stored:
             self._shards.inc()
+
+    def count_lost(self, status: RowStatus) -> None:
+        """A worker was lost and its shard is done again."""
+        self._retried.inc(tags={"reason": status.label})

@@ -9,6 +9,8 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.request
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -37,6 +39,7 @@ CLUSTER = {
     "RAY_health_check_period_ms": "500",
     "RAY_health_check_initial_delay_ms": "1000",
     "RAY_health_check_failure_threshold": "6",
+    "RAY_metrics_report_interval_ms": "500",
     "RAY_USAGE_STATS_ENABLED": "0",
 }
 START = [str(Path(sys.executable).with_name("ray")), "start", "--block", "--num-cpus=1", "--disable-usage-stats"]
@@ -87,14 +90,37 @@ def wait_for_nodes(address: str, count: int) -> None:
     raise AssertionError(f"{count} nodes did not come up: {answer.stdout} {answer.stderr}")
 
 
+def scrape(port: int) -> dict[str, float]:
+    """The sweep's own series at a node's Prometheus end point, added up over their labels."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10) as answer:
+        lines = answer.read().decode().splitlines()
+    found: dict[str, float] = defaultdict(float)
+    for line in lines:
+        if line.startswith("ray_drapemeter_"):
+            found[line.split("{")[0].removeprefix("ray_")] += float(line.split()[-1])
+    return found
+
+
+def wait_for_metric(port: int, name: str, process: subprocess.Popen[bytes]) -> dict[str, float]:
+    """Until a series is served; all of them."""
+    found: dict[str, float] = {}
+    while process.poll() is None:
+        found = scrape(port)
+        if found.get(name):
+            return found
+        time.sleep(0.2)
+    raise AssertionError(f"{name} was not served while the sweep ran: {found}")
+
+
 def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> None:
     store, address = tmp_path / "s.zarr", f"127.0.0.1:{free_port()}"
     undisturbed = write_without_ray(tmp_path / "undisturbed.zarr", *small_sweep(resolution_m=SLOW_M))
-    client_port = free_port()
+    client_port, metrics_port = free_port(), free_port()
     head_arguments = [
         "--head",
         f"--ray-client-server-port={client_port}",
         f"--port={address.split(':')[1]}",
+        f"--metrics-export-port={metrics_port}",
         "--include-dashboard=false",
     ]
     with (
@@ -111,6 +137,8 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
             kill_node(second)
             done = Store.open(store).complete.sum()
             assert done < SHARDS, "the node was to be killed in mid-run"
+            served = wait_for_metric(metrics_port, "drapemeter_shards_retried_total", driver)
+            assert served["drapemeter_simulations_total"] >= 6 and served["drapemeter_shards_total"] >= 2
             assert driver.wait(timeout=300) == 0, (tmp_path / "driver.log").read_text()
         finally:
             driver.kill()
