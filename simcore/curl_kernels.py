@@ -7,7 +7,18 @@ derivatives by p, a and d, which it and its neighbours then gather.
 """
 
 from simcore.lang import ti
-from simcore.membrane_kernels import array1, array3, array4, ints1, ints3, mat3, point, vec3
+from simcore.membrane_kernels import (
+    array1,
+    array3,
+    array4,
+    blocks4,
+    ints1,
+    ints3,
+    mat3,
+    vec3,
+    vectors3,
+    vectors4,
+)
 
 
 @ti.func
@@ -18,15 +29,15 @@ def cross_matrix(v):
 @ti.func
 def frame(x: ti.template(), m: ti.template(), n, w, j, i):
     rows, columns = x.shape[1], x.shape[2]
-    c = point(x, n, j, i)
-    left, right = point(x, n, j, ti.max(i - 1, 0)), point(x, n, j, ti.min(i + 1, columns - 1))
-    up, down = point(x, n, ti.max(j - 1, 0), i), point(x, n, ti.min(j + 1, rows - 1), i)
+    c = x[n, j, i]
+    left, right = x[n, j, ti.max(i - 1, 0)], x[n, j, ti.min(i + 1, columns - 1)]
+    up, down = x[n, ti.max(j - 1, 0), i], x[n, ti.min(j + 1, rows - 1), i]
     p = m[w, j, i, 0] * (left + right - 2.0 * c) + m[w, j, i, 1] * (up + down - 2.0 * c)
     return p, right - left, down - up
 
 
 @ti.kernel
-def curl_energies(which: ints1, x: array4, m: array4, parts: array3, out: array1):
+def curl_energies(which: ints1, x: vectors3, m: array4, parts: array3, out: array1):
     """Add each energy [J] to ``out`` [n]; ``m`` [cloths, rows, columns, 2]: area * moment / h², zero where a second
     difference leaves the grid; ``parts`` [n, rows, columns] is scratch."""
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
@@ -76,8 +87,8 @@ def neighbour(n, j, i, rows, columns):
 
 
 @ti.kernel
-def curl_gradients(which: ints1, x: array4, m: array4, fixed: ints3, stored: array4, g: array4):
-    """Add the derivatives to ``g`` [N], not where fixed; ``stored`` [n, rows, columns, 9] is scratch."""
+def curl_gradients(which: ints1, x: vectors3, m: array4, fixed: ints3, stored: vectors4, g: vectors3):
+    """Add the derivatives to ``g`` [N], not where fixed; ``stored`` [n, rows, columns, 3] is scratch."""
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
     for n, j, i in ti.ndrange(count, rows, columns):
         p, a, d = frame(x, m, n, which[n], j, i)
@@ -85,10 +96,9 @@ def curl_gradients(which: ints1, x: array4, m: array4, fixed: ints3, stored: arr
         normal = big.normalized()
         by_normal = -(p - normal * normal.dot(p)) / big.norm()
         by_a, by_d = by_normal.cross(d), a.cross(by_normal)
-        for r in ti.static(range(3)):
-            stored[n, j, i, r] = -normal[r]
-            stored[n, j, i, 3 + r] = by_a[r]
-            stored[n, j, i, 6 + r] = by_d[r]
+        stored[n, j, i, 0] = -normal
+        stored[n, j, i, 1] = by_a
+        stored[n, j, i, 2] = by_d
     for n, j, i in ti.ndrange(count, rows, columns):
         w = which[n]
         if fixed[w, j, i] == 0:
@@ -101,19 +111,17 @@ def curl_gradients(which: ints1, x: array4, m: array4, fixed: ints3, stored: arr
                         nj, ni = neighbour(k, cj, ci, rows, columns)
                         if nj == j and ni == i:
                             share = weights(m, w, cj, ci, k)
-                            for r in ti.static(range(3)):
-                                total[r] += (
-                                    share[0] * stored[n, cj, ci, r]
-                                    + share[1] * stored[n, cj, ci, 3 + r]
-                                    + share[2] * stored[n, cj, ci, 6 + r]
-                                )
-            for r in ti.static(range(3)):
-                g[n, j, i, r] = g[n, j, i, r] + total[r]
+                            total += (
+                                share[0] * stored[n, cj, ci, 0]
+                                + share[1] * stored[n, cj, ci, 1]
+                                + share[2] * stored[n, cj, ci, 2]
+                            )
+            g[n, j, i] += total
 
 
 @ti.kernel
-def curl_hessians(which: ints1, x: array4, m: array4, blend: array1, fixed: ints3, stored: array4, stencil: array4):
-    """Add ``blend`` times the second derivatives to ``stencil``; ``stored`` [n, rows, columns, 45] is scratch."""
+def curl_hessians(which: ints1, x: vectors3, m: array4, blend: array1, fixed: ints3, stored: blocks4, stencil: blocks4):
+    """Add ``blend`` times the second derivatives to ``stencil``; ``stored`` [n, rows, columns, 5] is scratch."""
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
     eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     for n, j, i in ti.ndrange(count, rows, columns):
@@ -129,14 +137,11 @@ def curl_hessians(which: ints1, x: array4, m: array4, blend: array1, fixed: ints
         by_normal = -(p - normal * along) / size
         aa, dd = cd.transpose() @ curve @ cd, ca.transpose() @ curve @ ca
         ad = -cd.transpose() @ curve @ ca + cross_matrix(by_normal)
-        for r in ti.static(range(3)):
-            for c in ti.static(range(3)):
-                k = 3 * r + c
-                stored[n, j, i, k] = pa[r, c]
-                stored[n, j, i, 9 + k] = pd[r, c]
-                stored[n, j, i, 18 + k] = aa[r, c]
-                stored[n, j, i, 27 + k] = ad[r, c]
-                stored[n, j, i, 36 + k] = dd[r, c]
+        stored[n, j, i, 0] = pa
+        stored[n, j, i, 1] = pd
+        stored[n, j, i, 2] = aa
+        stored[n, j, i, 3] = ad
+        stored[n, j, i, 4] = dd
     for n, j, i in ti.ndrange(count, rows, columns):
         w = which[n]
         if fixed[w, j, i] == 0:
@@ -153,23 +158,13 @@ def curl_hessians(which: ints1, x: array4, m: array4, blend: array1, fixed: ints
 
 
 @ti.func
-def stored_block(stored: ti.template(), n, j, i, first):
-    block = mat3(0.0)
-    for r in ti.static(range(3)):
-        for c in ti.static(range(3)):
-            block[r, c] = stored[n, j, i, first + 3 * r + c]
-    return block
-
-
-@ti.func
 def gather_row(
     m: ti.template(), fixed: ti.template(), stored: ti.template(), stencil: ti.template(), blend, n, w, j, i, cj, ci, wk
 ):
     """What the energy of vertex (cj, ci) puts between vertex (j, i), of weights ``wk`` in it, and those after it."""
     rows, columns = stored.shape[1], stored.shape[2]
-    pa, pd = stored_block(stored, n, cj, ci, 0), stored_block(stored, n, cj, ci, 9)
-    aa, ad = stored_block(stored, n, cj, ci, 18), stored_block(stored, n, cj, ci, 27)
-    dd = stored_block(stored, n, cj, ci, 36)
+    pa, pd, aa = stored[n, cj, ci, 0], stored[n, cj, ci, 1], stored[n, cj, ci, 2]
+    ad, dd = stored[n, cj, ci, 3], stored[n, cj, ci, 4]
     for o in range(5):
         wo = weights(m, w, cj, ci, o)
         oj, oi = neighbour(o, cj, ci, rows, columns)
@@ -186,7 +181,4 @@ def gather_row(
                 where = di
             elif dj == 1:
                 where = 4 + di
-            for r in ti.static(range(3)):
-                for c in ti.static(range(3)):
-                    place = 9 * where + 3 * r + c
-                    stencil[n, j, i, place] = stencil[n, j, i, place] + blend * block[r, c]
+            stencil[n, j, i, where] += blend * block

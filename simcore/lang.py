@@ -24,16 +24,17 @@ __all__ = ["start", "ti"]
 _started: str | None = None
 
 
-def start(arch: str = "cpu") -> Any:
+def start(arch: str | None = None) -> Any:
     """Start the runtime of this process once; later calls with the same ``arch`` do nothing.
 
     Args:
-        arch: ``cpu`` (one thread: a worker owns a core) or ``cuda``.
+        arch: ``cpu`` (one thread: a worker owns a core), ``cuda``, or None for the one that runs, else ``cpu``.
 
     Raises:
         RuntimeError: started before with another ``arch``.
     """
     global _started
+    arch = arch or _started or "cpu"
     if _started is None:
         with contextlib.redirect_stdout(io.StringIO()):  # it greets on standard output, which belongs to results
             _initialise(arch)

@@ -12,6 +12,9 @@ array1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
 array2 = ti.types.ndarray(dtype=ti.f64, ndim=2)
 array3 = ti.types.ndarray(dtype=ti.f64, ndim=3)
 array4 = ti.types.ndarray(dtype=ti.f64, ndim=4)
+vectors3 = ti.types.ndarray(dtype=vec3, ndim=3)
+vectors4 = ti.types.ndarray(dtype=vec3, ndim=4)
+blocks4 = ti.types.ndarray(dtype=mat3, ndim=4)
 ints1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 ints3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
 
@@ -38,14 +41,8 @@ def settings_of(settings: ti.template(), b):
 
 
 @ti.func
-def point(x: ti.template(), n, j, i):
-    return vec3(x[n, j, i, 0], x[n, j, i, 1], x[n, j, i, 2])
-
-
-@ti.func
 def tangents(x: ti.template(), s, n, j, i):
-    p0, p1 = point(x, n, j, i), point(x, n, j, i + 1)
-    p2, p3 = point(x, n, j + 1, i), point(x, n, j + 1, i + 1)
+    p0, p1, p2, p3 = x[n, j, i], x[n, j, i + 1], x[n, j + 1, i], x[n, j + 1, i + 1]
     a = (p1 + p3 - p0 - p2) / (2.0 * s[HU])
     b = (p2 + p3 - p0 - p1) / (2.0 * s[HV])
     q = p0 - p1 - p2 + p3
@@ -139,7 +136,7 @@ def blended_stress(t, blend):
 
 @ti.func
 def cell_blocks(x: ti.template(), s, share, blend, n, j, i, out: ti.template()):
-    """Second derivatives by (a / (2 hu), b / (2 hv), q): blocks aa, ab, aq, bb, bq, qq into ``out`` [n, j, i, 54]."""
+    """Second derivatives by (a / (2 hu), b / (2 hv), q): blocks aa, ab, aq, bb, bq, qq into ``out`` [n, j, i, 6]."""
     area = s[HU] * s[HV]
     eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     a, b, q = tangents(x, s, n, j, i)
@@ -159,12 +156,9 @@ def cell_blocks(x: ti.template(), s, share, blend, n, j, i, out: ti.template()):
     bq_block = kv * (q.outer_product(b) + bq * eye)
     qq = ku * a.outer_product(a) + kv * b.outer_product(b)
     fu, fv = 1.0 / (2.0 * s[HU]), 1.0 / (2.0 * s[HV])
-    for r in ti.static(range(3)):
-        for m in ti.static(range(3)):
-            k = 3 * r + m
-            out[n, j, i, k] = area * fu * fu * aa[r, m]
-            out[n, j, i, 9 + k] = area * fu * fv * ab[r, m]
-            out[n, j, i, 18 + k] = area * fu * aq_block[r, m]
-            out[n, j, i, 27 + k] = area * fv * fv * bb[r, m]
-            out[n, j, i, 36 + k] = area * fv * bq_block[r, m]
-            out[n, j, i, 45 + k] = area * qq[r, m]
+    out[n, j, i, 0] = area * fu * fu * aa
+    out[n, j, i, 1] = area * fu * fv * ab
+    out[n, j, i, 2] = area * fu * aq_block
+    out[n, j, i, 3] = area * fv * fv * bb
+    out[n, j, i, 4] = area * fv * bq_block
+    out[n, j, i, 5] = area * qq

@@ -10,6 +10,10 @@ from simcore.cloths import Cloths
 from simcore.grid import Grid
 
 
+def _nothing() -> None:
+    """A CPU has no queues."""
+
+
 class Model:
     """Launches the kernels for up to ``most`` cloths at once.
 
@@ -17,15 +21,24 @@ class Model:
         grid: of every cloth.
         most: largest number of positions a call gets.
         zeros: makes a float64 array of a shape where the kernels run (NumPy, or tensors of a device).
+        before, after: called before and after kernels are launched, where they wait for each other's queues.
     """
 
-    def __init__(self, grid: Grid, most: int, zeros: Callable[..., Any]) -> None:
+    def __init__(
+        self,
+        grid: Grid,
+        most: int,
+        zeros: Callable[..., Any],
+        before: Callable[[], None] = _nothing,
+        after: Callable[[], None] = _nothing,
+    ) -> None:
         rows, columns = grid.rows, grid.columns
+        self._before, self._after = before, after
         self._zeros = zeros
         self._parts = zeros((most, rows, columns))
-        self._forces = zeros((most, rows - 1, columns - 1, 9))
-        self._blocks = zeros((most, rows - 1, columns - 1, 54))
-        self._stencil = zeros((most, rows, columns, kernels.STENCIL))
+        self._forces = zeros((most, rows - 1, columns - 1, 3, 3))
+        self._blocks = zeros((most, rows - 1, columns - 1, 6, 3, 3))
+        self._stencil = zeros((most, rows, columns, 7, 3, 3))
         self._curl: Any = None
         self._curl_blocks: Any = None
 
@@ -39,29 +52,33 @@ class Model:
         """
         out = self._zeros((len(x),))
         parts = self._parts[: len(x)]
+        self._before()
         kernels.energies(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.load, cloths.fixed, cloths.panel, parts,
             out,
         )  # fmt: skip
         if cloths.moments is not None:
             curl_kernels.curl_energies(which, x, cloths.moments, parts, out)
+        self._after()
         return out
 
     def gradients(self, cloths: Cloths, which: Any, x: Any) -> Any:
         """Derivatives of the energies [N], zero where held, [n, rows, columns, 3]."""
         out = self._zeros(tuple(x.shape))
+        self._before()
         kernels.gradients(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.load, cloths.fixed, cloths.panel,
             self._forces[: len(x)], out,
         )  # fmt: skip
         if cloths.moments is not None:
             if self._curl is None:
-                self._curl = self._zeros((*self._parts.shape, 9))
+                self._curl = self._zeros((*self._parts.shape, 3, 3))
             curl_kernels.curl_gradients(which, x, cloths.moments, cloths.fixed, self._curl[: len(x)], out)
+        self._after()
         return out
 
     def hessians(self, cloths: Cloths, which: Any, x: Any, blend: Any, shift: Any) -> Any:
-        """Second derivatives as stencils [n, rows, columns, 63] [N/m], a view that the next call overwrites.
+        """Second derivatives as stencils [n, rows, columns, 7, 3, 3] [N/m], a view that the next call overwrites.
 
         Args:
             cloths, which, x: as above.
@@ -69,12 +86,14 @@ class Model:
             shift: added to the diagonal [n, rows, columns].
         """
         out = self._stencil[: len(x)]
+        self._before()
         kernels.hessians(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.fixed, cloths.panel, blend, shift,
             self._blocks[: len(x)], out,
         )  # fmt: skip
         if cloths.moments is not None and float(blend.max()) > 0.0:
             if self._curl_blocks is None:
-                self._curl_blocks = self._zeros((*self._parts.shape, 45))
+                self._curl_blocks = self._zeros((*self._parts.shape, 5, 3, 3))
             curl_kernels.curl_hessians(which, x, cloths.moments, blend, cloths.fixed, self._curl_blocks[: len(x)], out)
+        self._after()
         return out

@@ -14,7 +14,7 @@ from simcore import lang
 from simcore.checks import check_request
 from simcore.contact import REACH_M, PanelContact
 from simcore.crossings import count_crossings
-from simcore.drape import Drape, DrapeStatus
+from simcore.drape import Drape
 from simcore.grid import Grid
 from simcore.level import Level
 from simcore.mechanics import Jitter, Mechanics
@@ -22,8 +22,8 @@ from simcore.mesh import GridMesh, grid_triangles
 from simcore.newton import Newton, NewtonOptions, Rest
 from simcore.parameters import FabricParameters
 from simcore.placement import Perturbation, Pins, put_up
-from simcore.resolution import kinked_share, largest_share
 from simcore.scenes import GRAVITY_M_S2, Setup
+from simcore.verdict import verdict
 
 Array = NDArray[np.float64]
 COARSEST_CELL_M = 0.02
@@ -34,12 +34,16 @@ COARSE_STIFFNESS_N_M = 250.0
 """Largest stretch stiffness used on 20 mm cells while coarse levels look for the folds; grows as 1 / cell²."""
 
 
-def softened(fabric: FabricParameters, largest: float) -> FabricParameters:
-    """The fabric with its stretch stiffnesses scaled down together so that none exceeds ``largest`` [N/m].
+def softened(fabric: FabricParameters, grid: Grid, pins: Pins) -> FabricParameters:
+    """The fabric with its stretch stiffnesses scaled down together, as a coarse grid needs them.
 
     A cell of size h bent to curvature k is strained by about (k h)² / 16: on coarse cells a stiff membrane resists
-    folds that the sample has. Coarse levels only lead to a basin; the last level uses the fabric as it is.
+    folds that the sample has. Coarse levels only lead to a basin; the last level uses the fabric as it is, and so do
+    all where the pins stretch the cloth.
     """
+    if pins.overstretched:
+        return fabric
+    largest = COARSE_STIFFNESS_N_M * (COARSEST_CELL_M / grid.hu) ** 2
     stretch = (fabric.stretch_warp, fabric.stretch_weft, fabric.stretch_bias)
     scale = min(1.0, largest / max(stretch))
     warp, weft, bias = (max(1.0, scale * k) for k in stretch)
@@ -136,7 +140,10 @@ class Solver:
             iterations += more
             if again.converged:
                 rest, energy, crossings = again, self.levels[-1].energy(again.x), self._crossings(again)
-        return self._drape(rest, energy, crossings, iterations, time.process_time() - began, deadline)
+        now = time.process_time()
+        status, reason = verdict(self.mesh, rest, crossings, now > deadline)
+        vertices = rest.x.reshape(-1, 3)
+        return Drape(self.mesh, vertices, status, rest.residual, energy, rest.stable, iterations, now - began, reason)
 
     def _cascade(self, problem: _Problem) -> tuple[Rest, int]:
         """From the flat sample, or where it starts, to rest on the last level, with the steps that took."""
@@ -168,8 +175,8 @@ class Solver:
         contact = PanelContact.of(
             grid.areas, fabric.density * GRAVITY_M_S2, setup.panel, mechanics.adhesion_pa, mechanics.adhesion_range_m
         )
-        if level is not self.levels[-1] and not pins.overstretched:
-            fabric = softened(fabric, COARSE_STIFFNESS_N_M * (COARSEST_CELL_M / grid.hu) ** 2)
+        if level is not self.levels[-1]:
+            fabric = softened(fabric, grid, pins)
         level.set_up(fabric, mechanics, contact, pins.fixed, problem.own_contact)
         steps = 0
         if x is None:
@@ -196,26 +203,3 @@ class Solver:
     def _crossings(self, rest: Rest) -> int:
         """Edges of a drape at rest that pierce its triangles."""
         return count_crossings(rest.x.reshape(-1, 3), self.mesh.triangles) if rest.converged else 0
-
-    def _drape(
-        self, rest: Rest, energy: float, crossings: int, iterations: int, seconds: float, deadline: float
-    ) -> Drape:
-        vertices = rest.x.reshape(-1, 3)
-        status, reason = DrapeStatus.STILL, ""
-        if not np.isfinite(vertices).all() or not math.isfinite(rest.residual):
-            status, reason = DrapeStatus.DIVERGED, "positions are not finite"
-        elif not rest.converged:
-            status = DrapeStatus.NOT_STILL
-            reason = f"residual {rest.residual:.2g} vertex weights after {rest.iterations} steps"
-            if time.process_time() > deadline:
-                reason = f"time limit; {reason}"
-        elif crossings:
-            status = DrapeStatus.NOT_STILL
-            reason = f"the cloth passes through itself: {crossings} edges pierce a triangle"
-        elif (share := kinked_share(rest.x)) > largest_share(self.mesh.resolution_m):
-            status = DrapeStatus.UNDER_RESOLVED
-            reason = (
-                f"{100 * share:.0f} % of the sample folds by more than 45 degrees within a cell: "
-                f"use a mesh finer than {1e3 * self.mesh.resolution_m:g} mm"
-            )
-        return Drape(self.mesh, vertices, status, rest.residual, energy, rest.stable, iterations, seconds, reason)

@@ -1,0 +1,267 @@
+"""Newton's method for a batch, each cloth at its own pace. Same rules as :mod:`simcore.newton`, without patches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from simcore.batch.cholesky import Factors
+from simcore.batch.level import BatchLevel
+from simcore.newton import INNER_STEPS, MEMORY, WORTH, NewtonOptions
+
+Tensor = torch.Tensor
+ESCAPES = 8
+
+
+@dataclass
+class BatchRest:
+    """Where Newton ended, for each cloth of the batch.
+
+    Attributes:
+        x: positions [b, rows, columns, 3].
+        residual: [vertex weights], [b].
+        stable: the exact Hessian is positive definite there.
+        iterations: steps taken.
+        converged: residual below the tolerance (and stable, when that was asked for).
+    """
+
+    x: Tensor
+    residual: Tensor
+    stable: Tensor
+    iterations: Tensor
+    converged: Tensor
+
+
+@dataclass
+class _State:
+    """The cloths still on their way."""
+
+    which: Tensor
+    x: Tensor
+    energy: Tensor
+    gradient: Tensor
+    residual: Tensor
+    blend: Tensor
+    damping: Tensor
+    escapes: Tensor
+
+    def keep(self, mask: Tensor) -> None:
+        for name, value in vars(self).items():
+            setattr(self, name, value[mask])
+
+
+class BatchNewton:
+    """Blended Newton: H = H_spd + blend (H_exact - H_spd), with limited-memory BFGS steps between factorisations."""
+
+    def __init__(self, level: BatchLevel, options: NewtonOptions) -> None:
+        self.level = level
+        self.options = options
+
+    def minimise(self, x: Tensor) -> BatchRest:
+        """Go down from ``x`` [b, rows, columns, 3], of which nothing is behind the panel."""
+        options = self.options
+        count = len(x)
+        flags = torch.zeros(count, dtype=torch.bool, device=x.device)
+        steps = torch.full((count,), options.iterations, device=x.device)
+        rest = BatchRest(x.clone(), torch.zeros(count, dtype=x.dtype, device=x.device), flags, steps, flags.clone())
+        state = self._begin(x)
+        for iteration in range(options.iterations + 1):
+            near = state.residual < options.tolerance
+            rest.x[state.which], rest.residual[state.which] = state.x, state.residual
+            leave = ~torch.isfinite(state.residual) | (near if not options.certify else torch.zeros_like(near))
+            rest.converged[state.which] = leave & near
+            rest.iterations[state.which[leave]] = iteration
+            state.keep(~leave)
+            if not len(state.which) or iteration == options.iterations:
+                break
+            self._iterate(state, rest, iteration)
+            if not len(state.which):
+                break
+        return rest
+
+    def _begin(self, x: Tensor) -> _State:
+        level = self.level
+        which = torch.arange(len(x), device=x.device)
+        gradient = level.gradients(which, x)
+        zero = torch.zeros(len(x), dtype=x.dtype, device=x.device)
+        return _State(
+            which, x.clone(), level.energies(which, x), gradient, level.residuals(which, gradient), zero, zero.clone(),
+            torch.zeros(len(x), dtype=torch.int64, device=x.device),
+        )  # fmt: skip
+
+    def _iterate(self, state: _State, rest: BatchRest, iteration: int) -> None:
+        """One factorisation and what is made of it; cloths that came to rest leave the state."""
+        level = self.level
+        near = state.residual < self.options.tolerance
+        state.blend[near], state.damping[near] = 1.0, 0.0
+        factors, good = level.factor(state.which, state.x, state.blend, self._shift(state))
+        done = near & good
+        rest.stable[state.which[done]] = True
+        rest.converged[state.which[done]] = True
+        rest.iterations[state.which[done]] = iteration
+        saddle = near & ~good
+        going = ~near
+        refused = self._make_positive(state, factors, good | ~going)
+        slope, length, fall = self._descend(state, factors, going)
+        broken = going & (length == 0.0) & (state.blend == 0.0) & (state.damping > 1e3)
+        self._adapt(state, going, refused, slope, length, fall)
+        if saddle.any():
+            self._escape(state, saddle)
+        state.escapes[saddle] += 1
+        state.keep(~(done | broken | (state.escapes > ESCAPES)))
+
+    def _shift(self, state: _State) -> Tensor:
+        return state.damping * self.level.weights[state.which] / self.level.grid.hu
+
+    def _make_positive(self, state: _State, factors: Factors, good: Tensor) -> Tensor:
+        """Lower blends, then raise damping, until every matrix has factors; returns the blend last refused, or 2."""
+        refused = torch.full_like(state.blend, 2.0)
+        pending = torch.nonzero(~good).ravel()
+        while len(pending):
+            blend, damping = state.blend[pending], state.damping[pending]
+            refused[pending] = torch.where(refused[pending] > 1.5, blend, refused[pending])
+            lowered = torch.where(blend > 0.1, 0.5 * blend, torch.zeros_like(blend))
+            raised = torch.clamp(4.0 * damping, min=1e-3)
+            state.blend[pending] = torch.where(blend > 0.0, lowered, blend)
+            state.damping[pending] = torch.where(blend > 0.0, damping, raised)
+            shift = state.damping[pending] * self.level.weights[state.which[pending]] / self.level.grid.hu
+            again, fine = self.level.factor(state.which[pending], state.x[pending], state.blend[pending], shift)
+            factors.put(pending, again)
+            pending = pending[~fine]
+        return refused
+
+    def _adapt(
+        self, state: _State, going: Tensor, refused: Tensor, slope: Tensor, length: Tensor, fall: Tensor
+    ) -> None:
+        """Blend and damping of the next step."""
+        stuck = going & (length == 0.0)
+        state.damping[stuck] = torch.clamp(4.0 * state.damping[stuck], min=1e-3)
+        state.blend[stuck] = 0.0
+        well = going & (length == 1.0) & (fall > -0.25 * slope)
+        grown = torch.where(refused > 1.5, torch.clamp(2.0 * state.blend + 0.25, max=1.0), 1.25 * state.blend)
+        state.blend = torch.where(well, grown, state.blend)
+        eased = torch.where(state.damping > 1e-3, 0.25 * state.damping, torch.zeros_like(state.damping))
+        state.damping = torch.where(well, eased, state.damping)
+        short = going & (length > 0.0) & (length < 0.3)
+        state.blend = torch.where(short, 0.5 * state.blend, state.blend)
+
+    def _descend(self, state: _State, factors: Factors, going: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """One step with each factorisation, then as many limited-memory BFGS steps preconditioned by it as pay.
+
+        Returns:
+            Of the first step slope, length and fall of energy, each [n]; the state is moved.
+        """
+        level = self.level
+        pairs: list[tuple[Tensor, Tensor, Tensor]] = []
+        first: tuple[Tensor, Tensor, Tensor] | None = None
+        worth = torch.zeros_like(state.energy)
+        live = going.clone()
+        for _ in range(INNER_STEPS):
+            if not live.any():
+                break
+            step = self._direction(factors, state.gradient, pairs)
+            slope = _inner(state.gradient, step)
+            length, moved, energy = self._search(state, step, slope, live)
+            fall = torch.where(live, state.energy - energy, torch.zeros_like(energy))
+            if first is None:
+                first, worth = (slope, length, fall), WORTH * fall
+            went = live & (length > 0.0)
+            gradient = level.gradients(state.which, moved)
+            s, y = moved - state.x, gradient - state.gradient
+            curvature = _inner(s, y)
+            useful = went & (curvature > 1e-12 * torch.sqrt(_inner(s, s) * _inner(y, y)))
+            pairs = [*pairs, (s, y, torch.where(useful, 1.0 / curvature, 0.0))][-MEMORY:]
+            state.x = torch.where(went[:, None, None, None], moved, state.x)
+            state.gradient = torch.where(went[:, None, None, None], gradient, state.gradient)
+            state.energy = torch.where(went, energy, state.energy)
+            state.residual = level.residuals(state.which, state.gradient)
+            live = went & (fall >= worth) & (length >= 0.1) & (state.residual >= self.options.tolerance)
+        if first is None:
+            zero = torch.zeros_like(state.energy)
+            return zero, zero, zero
+        return first
+
+    def _direction(self, factors: Factors, gradient: Tensor, pairs: list[tuple[Tensor, Tensor, Tensor]]) -> Tensor:
+        """L-BFGS two-loop recursion (Nocedal and Wright 2006, algorithm 7.4) round the factored Hessians."""
+        q = gradient.clone()
+        shares = []
+        for s, y, rho in reversed(pairs):
+            alpha = rho * _inner(s, q)
+            q = q - alpha[:, None, None, None] * y
+            shares.append(alpha)
+        z = self.level.solve(factors, q)
+        for (s, y, rho), alpha in zip(pairs, reversed(shares), strict=True):
+            z = z + (alpha - rho * _inner(y, z))[:, None, None, None] * s
+        return -z
+
+    def _search(self, state: _State, step: Tensor, slope: Tensor, live: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Backtrack each live cloth from its longest step until the energy falls enough; 0 when it never does."""
+        level = self.level
+        longest = self.options.largest_step * min(level.grid.hu, level.grid.hv)
+        tried = torch.clamp(longest / step.abs().amax(dim=(1, 2, 3)).clamp(min=1e-300), max=1.0)
+        length = torch.zeros_like(slope)
+        moved, energy = state.x.clone(), state.energy.clone()
+        slack = 1e-13 * state.energy.abs()
+        pending = torch.nonzero(live & (slope < 0.0)).ravel()
+        for _ in range(30):
+            if not len(pending):
+                break
+            which, x = state.which[pending], state.x[pending]
+            there = level.keep_clear(which, x, x + tried[pending][:, None, None, None] * step[pending])
+            value = level.energies(which, there)
+            enough = value <= state.energy[pending] + 1e-4 * tried[pending] * slope[pending] + slack[pending]
+            took = pending[enough]
+            length[took], moved[took], energy[took] = tried[took], there[enough], value[enough]
+            pending = pending[~enough]
+            tried[pending] *= 0.5
+        return length, moved, energy
+
+    def _escape(self, state: _State, saddle: Tensor) -> None:
+        """Leave saddles along their lowest modes, to whichever side and as far as the energy falls."""
+        level = self.level
+        rows = torch.nonzero(saddle).ravel()
+        which, x = state.which[rows], state.x[rows]
+        mode = self._lowest_modes(which, x)
+        best, least = x.clone(), state.energy[rows].clone()
+        for sign in (1.0, -1.0):
+            direction = sign * mode
+            cap = torch.clamp(level.largest_steps(which, x, direction), max=3.0 * level.grid.hu)
+            size, falling = 1e-3 * level.grid.hu, torch.ones_like(rows, dtype=torch.bool)
+            while size < 3.0 * level.grid.hu and falling.any():
+                candidate = x + size * direction
+                value = level.energies(which, candidate)
+                better = (value < least) & falling & (cap > size)
+                best[better], least[better] = candidate[better], value[better]
+                falling &= better | (size <= 0.1 * level.grid.hu)
+                size *= 2.0
+        state.x[rows] = best
+        state.energy[rows] = least
+        state.gradient[rows] = level.gradients(which, best)
+        state.residual[rows] = level.residuals(which, state.gradient[rows])
+        state.blend[rows] = 0.5
+
+    def _lowest_modes(self, which: Tensor, x: Tensor) -> Tensor:
+        """Lowest eigenvectors, by inverse iteration with Hessians shifted just enough to be positive."""
+        level = self.level
+        ones = torch.ones(len(which), dtype=x.dtype, device=x.device)
+        shift = 1e-4 * ones
+        factors, good = level.factor(which, x, ones, shift)
+        pending = torch.nonzero(~good).ravel()
+        while len(pending) and float(shift.max()) < 1e3:
+            shift[pending] *= 4.0
+            again, fine = level.factor(which[pending], x[pending], ones[pending], shift[pending])
+            factors.put(pending, again)
+            pending = pending[~fine]
+        generator = torch.Generator().manual_seed(7)
+        start = torch.randn(x.shape[1:], generator=generator, dtype=torch.float64).to(x.device)
+        mode: Tensor = start.expand(x.shape) * level.free[which]
+        for _ in range(20):
+            mode = level.solve(factors, mode)
+            mode = mode / mode.abs().amax(dim=(1, 2, 3), keepdim=True)
+        return mode
+
+
+def _inner(a: Tensor, b: Tensor) -> Tensor:
+    products: Tensor = (a * b).sum(dim=(1, 2, 3))
+    return products

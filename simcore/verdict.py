@@ -1,0 +1,36 @@
+"""What is said of a solve: still, or why not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from simcore.drape import DrapeStatus
+from simcore.mesh import GridMesh
+from simcore.newton import Rest
+from simcore.resolution import kinked_share, largest_share
+
+
+def verdict(mesh: GridMesh, rest: Rest, crossings: int, late: bool) -> tuple[DrapeStatus, str]:
+    """Status and reason of where Newton ended.
+
+    Args:
+        mesh: of the drape.
+        rest: positions with residual, certificate and steps.
+        crossings: edges that pierce triangles.
+        late: the time limit has passed.
+    """
+    if not np.isfinite(rest.x).all() or not math.isfinite(rest.residual):
+        return DrapeStatus.DIVERGED, "positions are not finite"
+    if not rest.converged:
+        reason = f"residual {rest.residual:.2g} vertex weights after {rest.iterations} steps"
+        return DrapeStatus.NOT_STILL, f"time limit; {reason}" if late else reason
+    if crossings:
+        return DrapeStatus.NOT_STILL, f"the cloth passes through itself: {crossings} edges pierce a triangle"
+    if (share := kinked_share(rest.x)) > largest_share(mesh.resolution_m):
+        return DrapeStatus.UNDER_RESOLVED, (
+            f"{100 * share:.0f} % of the sample folds by more than 45 degrees within a cell: "
+            f"use a mesh finer than {1e3 * mesh.resolution_m:g} mm"
+        )
+    return DrapeStatus.STILL, ""

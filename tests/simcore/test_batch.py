@@ -1,0 +1,161 @@
+"""Many cloths at once: the layout a GPU gets, run on the CPU and judged like single drapes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from simcore.batch.cholesky import BlockCholesky
+from simcore.batch.device import Device
+from simcore.batch.solver import BatchSolver, Request
+from simcore.drape import Drape, DrapeStatus
+from simcore.errors import DrapemeterError, InputError
+from simcore.mechanics import NO_JITTER, Mechanics, UniformCurvature
+from simcore.mesh import GridMesh
+from simcore.scenes import GRAVITY_M_S2, Scene, Setup
+from simcore.solver import Solver
+
+from .judge import cloth_of, held_places, lowest_stiffness, positions
+from .rigs import FABRICS, Rig, assembled, crumpled, strip
+
+HANGING, STRETCH = Setup.nominal(Scene.HANGING), Setup.nominal(Scene.STRETCH)
+TILTED = (0.0, -GRAVITY_M_S2 * math.cos(0.03), -GRAVITY_M_S2 * math.sin(0.03))
+MECHANICS = {
+    "nothing": Mechanics(),
+    "stiffening": Mechanics(stiffening_strain=0.01),
+    "curved": Mechanics(rest_curvature=(UniformCurvature(8.0, -3.0),)),
+    "off grain": Mechanics(off_grain_rad=0.1),
+    "hem and draft": Mechanics(hem_kg_m=0.02, air_pressure_pa=0.2),
+    "tilt and adhesion": Mechanics(gravity=TILTED, adhesion_pa=1.0),
+}
+REQUESTS = [
+    Request(FABRICS["stiff" if n % 2 else "medium"], setup, seed=3, mechanics=mechanics)
+    for setup in (HANGING, STRETCH)
+    for n, mechanics in enumerate(MECHANICS.values())
+]
+MESH = GridMesh(0.05)
+
+
+@pytest.fixture(scope="module")
+def batch() -> BatchSolver:
+    return BatchSolver(MESH, "cpu", most=len(REQUESTS))
+
+
+@pytest.fixture(scope="module")
+def drapes(batch: BatchSolver) -> list[Drape]:
+    return batch.solve(REQUESTS)
+
+
+def test_every_cloth_of_a_batch_is_at_rest_by_the_reference(drapes: list[Drape]) -> None:
+    for request, drape in zip(REQUESTS, drapes, strict=True):
+        assert drape.status is DrapeStatus.STILL, drape.reason
+        cloth, x = cloth_of(drape, request.fabric, request.setup, request.mechanics, seed=3), positions(drape)
+        assert cloth.residual(x) < 1e-3
+        assert cloth.energy(x) == pytest.approx(drape.energy, rel=1e-9)
+        assert x[..., 2].min() >= 0.0
+        held, places = held_places(drape, request.setup, request.jitter, 3)
+        assert x[held] == pytest.approx(places[held], abs=1e-12)
+
+
+def test_the_batch_itself_brings_them_to_rest(batch: BatchSolver, drapes: list[Drape]) -> None:
+    # a batch whose drapes all came from the single solver would pass every other test here
+    assert batch.put_up_again <= 2
+    assert {drape.status for drape in drapes} == {DrapeStatus.STILL}
+
+
+def test_certified_by_an_eigenvalue_solver(drapes: list[Drape]) -> None:
+    for request, drape in list(zip(REQUESTS, drapes, strict=True))[::4]:
+        cloth = cloth_of(drape, request.fabric, request.setup, request.mechanics, seed=3)
+        assert lowest_stiffness(cloth, positions(drape)) > -1e-6
+
+
+def test_the_single_solver_takes_them_as_they_are(drapes: list[Drape]) -> None:
+    single = Solver(MESH)
+    for request, drape in zip(REQUESTS, drapes, strict=True):
+        own = single.solve(request.fabric, request.setup, seed=3, mechanics=request.mechanics, start=drape)
+        assert own.ok and own.iterations <= 3
+        assert np.abs(own.vertices - drape.vertices).max() < 1e-4
+
+
+def test_where_there_is_one_equilibrium_both_solvers_find_it(batch: BatchSolver) -> None:
+    found = batch.solve([Request(FABRICS["vstiff"], HANGING, jitter=NO_JITTER)] * 2)
+    own = Solver(MESH).solve(FABRICS["vstiff"], HANGING, jitter=NO_JITTER)
+    for drape in found:
+        assert np.abs(own.vertices - drape.vertices).max() < 1e-4
+        assert own.energy == pytest.approx(drape.energy, rel=1e-7)
+
+
+def test_friction_holds_in_a_batch_too(batch: BatchSolver) -> None:
+    rubbing = Request(FABRICS["medium"], STRETCH, seed=1, mechanics=Mechanics(friction=0.6))
+    sliding, held = batch.solve([Request(FABRICS["medium"], STRETCH, seed=1), rubbing])
+    assert sliding.ok and held.ok
+    assert np.abs(sliding.vertices - held.vertices).max() > 1e-5
+
+
+def test_the_same_batch_gives_the_same_bits(batch: BatchSolver, drapes: list[Drape]) -> None:
+    again = BatchSolver(MESH, "cpu", most=len(REQUESTS)).solve(REQUESTS)
+    assert all(a.vertices.tobytes() == b.vertices.tobytes() for a, b in zip(drapes, again, strict=True))
+
+
+def test_more_requests_than_fit_at_once() -> None:
+    few = BatchSolver(MESH, "cpu", most=2).solve(REQUESTS[6:9])
+    assert [drape.ok for drape in few] == [True, True, True]
+
+
+def test_a_saddle_is_left() -> None:
+    # with nothing random the first stationary point is the symmetric one, which soft cloth does not keep
+    drape = BatchSolver(MESH, "cpu", most=2).solve([Request(FABRICS["medium"], HANGING, jitter=NO_JITTER)] * 2)[0]
+    assert drape.ok and drape.stable
+
+
+def test_block_cholesky_solves_what_the_level_assembles() -> None:
+    for rows in (0.10, 0.12):  # an even and an odd number of rows of vertices
+        level = strip(0.08, rows, 0.02)
+        grid = level.grid
+        held = np.zeros((grid.rows, grid.columns), dtype=bool)
+        held[0] = True
+        Rig.of(level, FABRICS["medium"], held, panel=True)
+        x = crumpled(grid, 1)
+        matrix = assembled(level, x, 0.0)
+        stencil = level._model._stencil.copy()
+        shifted = stencil.copy()
+        shifted[:, grid.rows // 2, 1, 0, [0, 1, 2], [0, 1, 2]] -= 10.0 * abs(stencil).max()  # no longer positive
+        device = Device("cpu")
+        factors, good = BlockCholesky(grid, device).factor(torch.from_numpy(np.concatenate([stencil, shifted])))
+        assert good.tolist() == [True, False]
+        right = np.random.default_rng(0).standard_normal((2, x.size))
+        solved = factors.solve(torch.from_numpy(right))[0].numpy()
+        assert matrix @ solved == pytest.approx(right[0], abs=1e-8)
+
+
+def test_what_cannot_be_had_is_said_in_one_line() -> None:
+    if not torch.cuda.is_available():
+        with pytest.raises(DrapemeterError, match="no CUDA device"):
+            BatchSolver(MESH, "cuda")
+    with pytest.raises(InputError, match="at least one"):
+        BatchSolver(MESH, "cpu", most=0)
+    with pytest.raises(InputError, match="the mesh is for a sample"):
+        BatchSolver(MESH, "cpu", most=1).solve(
+            [Request(FABRICS["stiff"], Setup.nominal(Scene.HANGING, sample_size_m=(0.4, 0.4)))]
+        )
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_a_gpu_agrees_with_the_cpu(repository: object) -> None:
+    import subprocess
+    import sys
+
+    # Taichi has one runtime a process
+    script = (
+        "from tests.simcore.test_batch import MESH, REQUESTS\n"
+        "from simcore.batch.solver import BatchSolver\n"
+        "batch = BatchSolver(MESH, 'cuda', most=len(REQUESTS))\n"
+        "drapes = batch.solve(REQUESTS)\n"
+        "assert all(d.ok for d in drapes), [d.reason for d in drapes]\n"
+        "assert batch.put_up_again <= 2, batch.put_up_again\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=str(repository))
