@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from services.cli import console
+from services.dataset.solver_kind import SolverKind
 from simcore.errors import InputError, StoreError
 
 if TYPE_CHECKING:
@@ -61,6 +62,9 @@ def dataset(
     simulator: Path | None = typer.Option(
         None, "--simulator", help="simulator.json of `drapemeter diagnose --apply`: sweep with the effects found."
     ),
+    solver: SolverKind = typer.Option(
+        SolverKind.SINGLE, "--solver", help="One drape after the other, or a shard at once on the CPU or on GPUs."
+    ),
     resume: bool = typer.Option(False, "--resume", help="Finish a store that was interrupted."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Only say what the sweep would cost."),
     json_output: bool = JSON_OPTION,
@@ -95,6 +99,7 @@ def dataset(
         simulations_per_shard=shard_simulations,
         sensor=sensor,
         simulator=simulator or (),
+        solver=solver,
     )
     if simulator is not None:
         console.note(describe_simulator(configuration))

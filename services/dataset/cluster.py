@@ -20,16 +20,17 @@ _PROBE_S = 5.0
 
 
 @contextmanager
-def ray_cluster(address: str | None, workers: int | None) -> Iterator[int]:
+def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False) -> Iterator[int]:
     """Ray for the length of the block; the number of workers to use is given.
 
     Args:
         address: ``auto``, ``host:port`` or ``ray://...`` of a running cluster (its store must be reachable from every
             node); None takes ``RAY_ADDRESS``, else starts a cluster on this machine that ends with the block.
-        workers: None takes every CPU of the cluster, or of this machine.
+        workers: None takes every CPU of the cluster, or of this machine; with ``gpus`` every GPU.
+        gpus: workers need one GPU each.
 
     Raises:
-        InputError: no cluster at the address, or it wants a token.
+        InputError: no cluster at the address, it wants a token, or it has no GPU where one is needed.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
@@ -41,7 +42,7 @@ def ray_cluster(address: str | None, workers: int | None) -> Iterator[int]:
         ray.init(
             address="local",
             num_cpus=workers or cores,
-            num_gpus=0,
+            num_gpus=None if gpus else 0,  # None: as many as the machine has
             include_dashboard=False,
             object_store_memory=_STORE_BYTES,
             _node_ip_address="127.0.0.1",
@@ -51,7 +52,7 @@ def ray_cluster(address: str | None, workers: int | None) -> Iterator[int]:
         _connect(address)
         cores = max(1, int(cluster_cpus()))
     try:
-        yield workers or cores
+        yield min(workers or cores, _gpus()) if gpus else workers or cores
     finally:
         ray.shutdown()
 
@@ -105,6 +106,21 @@ def cluster_cpus() -> float:
 
     resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]  # ray does not annotate it
     return resources.get("CPU", 1.0)
+
+
+def _gpus() -> int:
+    """GPUs that the connected cluster declares.
+
+    Raises:
+        InputError: none.
+    """
+    import ray
+
+    resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]  # ray does not annotate it
+    count = int(resources.get("GPU", 0.0))
+    if not count:
+        raise InputError("no GPU here for --solver cuda: use single or batch, or another --address", code="gpu_missing")
+    return count
 
 
 def is_ray_client() -> bool:

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from diagnosis.extension import AppliedEffect
 from renderer.sensor import named_sensor
 from renderer.store import StoreLayout
+from services.dataset.solver_kind import SolverKind
 from simcore.errors import InputError
 from simcore.mesh import GridMesh
 from simcore.parameters import PARAMETER_NAMES
@@ -26,11 +27,14 @@ MAX_INCLINATION_DEG = 5.0
 IDEAL = "ideal"
 """The sensor that changes nothing."""
 
-ADDED_LATER: Mapping[str, Any] = MappingProxyType({"simulator": []})
+ADDED_LATER: Mapping[str, Any] = MappingProxyType({"simulator": [], "solver": "single"})
 """Settings that stores of earlier versions do not state, and what they were made with."""
 
 FULL_SHARD = 32
 """Simulations of a shard in large sweeps: with 11 pictures each about 10 MB and a minute or two of work."""
+
+GPU_SHARD = 256
+"""The same where a shard is solved at once on a GPU."""
 
 
 class SweepConfiguration(BaseModel):
@@ -50,6 +54,7 @@ class SweepConfiguration(BaseModel):
         time_limit_s: CPU seconds after which a simulation is given up.
         sensor: name of the sensor model that the depth goes through (:data:`renderer.sensor.SENSORS`).
         simulator: effects that are simulated beyond the baseline, each with its size.
+        solver: one simulation after the other, or a shard at once on the CPU or a GPU.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -67,6 +72,7 @@ class SweepConfiguration(BaseModel):
     time_limit_s: float = Field(default=120.0, gt=0)
     sensor: str = IDEAL
     simulator: tuple[AppliedEffect, ...] = ()
+    solver: SolverKind = SolverKind.SINGLE
 
     @field_validator("scenes")
     @classmethod
@@ -102,7 +108,8 @@ class SweepConfiguration(BaseModel):
             raise InputError(f"{name}: {first['msg']} (got {first.get('input')!r})", code="sweep_value") from None
         if not made.simulations_per_shard:
             simulations = made.materials * len(made.scenes) * made.jitters
-            return made.model_copy(update={"simulations_per_shard": max(1, min(FULL_SHARD, simulations // 16))})
+            full = GPU_SHARD if made.solver is SolverKind.CUDA else FULL_SHARD
+            return made.model_copy(update={"simulations_per_shard": max(1, min(full, simulations // 16))})
         return made
 
     @property

@@ -12,6 +12,7 @@ from renderer.store import RowStatus
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.fabrics import FabricTable
 from services.dataset.shard import ShardTask
+from services.dataset.solver_kind import SolverKind
 from services.dataset.worker import ShardWorker, SimulationDone
 from simcore.errors import StoreError
 
@@ -167,6 +168,7 @@ class Dispatcher:
             shard,
             self._fabrics.parameters([layout.address(number)[0] for number in numbers]),
             {number: self._given_up[number] for number in numbers if number in self._given_up},
+            one_by_one=self._one_by_one(shard),
         )
         slot.shard, slot.done, slot.heard = shard, 0, time.monotonic()
         run = slot.actor.run
@@ -175,6 +177,10 @@ class Dispatcher:
             # was done. Where a worker has died before, the next simulation waits until the last one's word is taken.
             run = run.options(_generator_backpressure_num_objects=1)
         self._running[run.remote(task)] = slot
+
+    def _one_by_one(self, shard: int) -> bool:
+        """Whether it is to be found out which simulation of a shard kills the workers that solve it together."""
+        return self._shard_deaths[shard] >= MAX_DEATHS
 
     def _advance(self, stream: Any) -> None:
         """Take one word of a worker."""
@@ -207,6 +213,8 @@ class Dispatcher:
         """Kill workers whose simulation has been silent far beyond its time limit."""
         now = time.monotonic()
         limit = self._options.silence_factor * self._configuration.time_limit_s
+        if self._configuration.solver is not SolverKind.SINGLE:
+            limit *= self._configuration.simulations_per_shard  # it is silent until all of a shard are solved
         for stream, slot in list(self._running.items()):
             allowance = self._options.compile_allowance_s if slot.solves == 0 else 0.0
             if now - slot.heard > limit + allowance:
@@ -226,7 +234,10 @@ class Dispatcher:
         self._tell_lost(status)
         numbers = self._configuration.layout.shard_simulations(slot.shard)
         self._shard_deaths[slot.shard] += 1
-        if slot.done < len(numbers):
+        together = self._configuration.solver is not SolverKind.SINGLE
+        if together and slot.done == 0 and self._shard_deaths[slot.shard] <= MAX_DEATHS:
+            pass  # it died solving the whole shard: of nobody yet, and of the same bits when done again
+        elif slot.done < len(numbers):
             culprit = numbers[slot.done]
             self._deaths[culprit] += 1
             if self._deaths[culprit] >= MAX_DEATHS:

@@ -21,7 +21,8 @@ from simcore.errors import DrapemeterError
 from simcore.parameters import FabricParameters
 
 if TYPE_CHECKING:
-    from simcore.solver import Solver
+    from services.dataset.solving import DrapeSolver
+    from simcore.batch.solver import Request
 
 SENSOR_STREAM = 1
 """Key of the sensor's random numbers among those of a simulation; the drape draws from the seed itself."""
@@ -58,15 +59,38 @@ class ShardTask:
         shard: its number.
         parameters: fabric of each of its simulations, SI, float32, shape [simulations, 7].
         given_up: simulations (by number) not to be tried, with status and reason, because they killed workers before.
+        one_by_one: solve none ahead, because workers die here and it is to be seen of which simulation.
     """
 
     shard: int
     parameters: NDArray[np.float32]
     given_up: Mapping[int, tuple[RowStatus, str]]
+    one_by_one: bool = False
+
+
+def shard_requests(task: ShardTask, configuration: SweepConfiguration) -> dict[int, Request]:
+    """What a shard asks of a solver, by seed; simulations that cannot be asked for are refused in their turn."""
+    from simcore.batch.solver import Request
+
+    layout = configuration.layout
+    requests: dict[int, Request] = {}
+    for number, fabric in zip(layout.shard_simulations(task.shard), task.parameters, strict=True):
+        material, scene, jitter = layout.address(number)
+        name = configuration.scenes[scene]
+        seed = simulation_seed(configuration.seed, (material, SCENE_CODES[name], jitter))
+        if number in task.given_up:
+            continue
+        try:
+            built = build_scene(configuration, name, seed)
+            cloth = FabricParameters.from_array(fabric)
+            requests[seed] = Request(cloth, built.setup, seed, mechanics=built.mechanics)
+        except DrapemeterError:
+            continue
+    return requests
 
 
 def simulate_shard(
-    task: ShardTask, configuration: SweepConfiguration, solver: Solver
+    task: ShardTask, configuration: SweepConfiguration, solver: DrapeSolver
 ) -> Iterator[tuple[RowStatus, ShardRows]]:
     """Rows of each simulation of a shard in turn, with its status."""
     layout = configuration.layout
@@ -83,7 +107,7 @@ def simulate_shard(
 
 
 def simulate_and_render(
-    fabric: NDArray[np.float32], scene: str, seed: int, configuration: SweepConfiguration, solver: Solver
+    fabric: NDArray[np.float32], scene: str, seed: int, configuration: SweepConfiguration, solver: DrapeSolver
 ) -> Outcome:
     """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised."""
     nothing = _no_depth(configuration)

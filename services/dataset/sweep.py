@@ -17,6 +17,7 @@ from services.dataset.cost import CostEstimate, estimate_cost
 from services.dataset.dispatch import DispatchOptions
 from services.dataset.drive import Drive
 from services.dataset.fabrics import FabricTable
+from services.dataset.solver_kind import SolverKind
 from services.dataset.worker import SimulationDone
 from simcore.errors import InputError
 
@@ -123,11 +124,14 @@ def run_sweep(
         if is_local(address):  # a bad place is told before Ray is started; a bad address before anything is written
             prepare_store(place, configuration, resume=resume)
             resume = True
-        with ray_cluster(address, workers) as count:
+        on_gpu = configuration.solver is SolverKind.CUDA
+        with ray_cluster(address, workers, gpus=on_gpu) as count:
             shards = prepare_store(place, configuration, resume=resume)
             remaining = sum(len(configuration.layout.shard_simulations(shard)) for shard in shards)
             begin(estimate_cost(configuration, count, remaining))
-            options = DispatchOptions(workers=min(count, len(shards)), recycle_after=recycle_after)
+            options = DispatchOptions(
+                workers=min(count, len(shards)), recycle_after=recycle_after, gpus_per_worker=1.0 if on_gpu else 0.0
+            )
             drive = Drive(place, configuration, fabrics, options, shards)
             if is_ray_client():
                 drive.run_on_cluster(listen)

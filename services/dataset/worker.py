@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 
 from renderer.store import RowStatus, ShardRows, StoreWriter
 from services.dataset.configuration import SweepConfiguration
-from services.dataset.shard import ShardTask, simulate_shard
+from services.dataset.shard import ShardTask, shard_requests, simulate_shard
+from services.dataset.solver_kind import SolverKind
+from services.dataset.solving import ShardSolver
 
 if TYPE_CHECKING:
     from simcore.solver import Solver
@@ -48,7 +50,7 @@ class ShardWorker:
     def __init__(self, url: str, configuration: SweepConfiguration) -> None:
         self._url = url
         self._configuration = configuration
-        self._solver: Solver | None = None
+        self._solver: Solver | ShardSolver | None = None
         self._writer: StoreWriter | None = None
         self._solves = 0
 
@@ -62,6 +64,8 @@ class ShardWorker:
         solver, writer = self._ready()
         numbers = self._configuration.layout.shard_simulations(task.shard)
         parts: list[ShardRows] = []
+        if isinstance(solver, ShardSolver) and not task.one_by_one:
+            solver.ahead(shard_requests(task, self._configuration), self._configuration.time_limit_s)
         for number, (status, rows) in zip(numbers, simulate_shard(task, self._configuration, solver), strict=True):
             parts.append(rows)
             self._solves += 1
@@ -70,13 +74,17 @@ class ShardWorker:
                 writer.write_shard(task.shard, ShardRows.concatenate(parts))
             yield SimulationDone(number, status, self._solves, os.getpid(), resident_bytes(), stored)
 
-    def _ready(self) -> tuple[Solver, StoreWriter]:
+    def _ready(self) -> tuple[Solver | ShardSolver, StoreWriter]:
         """Solver and writer, made by the first shard: what fails there is raised as a task's error, with its cause."""
         if self._solver is None or self._writer is None:
             from simcore.solver import Solver  # in the worker alone: Ray's client server, too, imports this module
 
             self._writer = StoreWriter.open(self._url)
-            self._solver = Solver(self._configuration.mesh)
+            kind, mesh = self._configuration.solver, self._configuration.mesh
+            if kind is SolverKind.SINGLE:
+                self._solver = Solver(mesh)
+            else:
+                self._solver = ShardSolver(mesh, kind, self._configuration.simulations_per_shard)
         return self._solver, self._writer
 
 

@@ -67,30 +67,33 @@ class BatchSolver:
         self.device = Device(arch)
         self.mesh = mesh
         self.most = most
-        self.levels = [BatchLevel(grid, self.device, most) for grid in cascade(mesh)]
+        self.levels = [BatchLevel(grid, self.device, max(2, most)) for grid in cascade(mesh)]
         self._single: Solver | None = None
         self.put_up_again = 0
 
-    def solve(self, requests: Sequence[Request]) -> list[Drape]:
+    def solve(self, requests: Sequence[Request], *, time_limit_s: float | None = None) -> list[Drape]:
         """Bring all to rest.
 
         Args:
             requests: any number; worked on ``most`` at a time.
+            time_limit_s: CPU seconds for each of those that are put up again; the others end together.
 
         Returns:
             A drape for each, in their order. ``seconds`` is its share of the CPU time of its batch.
         """
         for request in requests:
-            check_request(self.mesh, request.setup, None, None)
+            check_request(self.mesh, request.setup, None, time_limit_s)
         drapes: list[Drape] = []
         for first in range(0, len(requests), self.most):
-            drapes += self._batch(requests[first : first + self.most])
+            drapes += self._batch(requests[first : first + self.most], time_limit_s)
         return drapes
 
-    def _batch(self, requests: Sequence[Request]) -> list[Drape]:
+    def _batch(self, requests: Sequence[Request], time_limit_s: float | None) -> list[Drape]:
         began = time.process_time()
+        # libraries have another way with a single matrix, whose last bits differ from those it has in a batch
+        alone = len(requests) == 1
         with torch.no_grad():
-            rest, energy, steps = self._cascade(requests)
+            rest, energy, steps = self._cascade([*requests, *requests] if alone else requests)
         seconds = (time.process_time() - began) / len(requests)
         drapes = []
         for n, request in enumerate(requests):
@@ -98,22 +101,30 @@ class BatchSolver:
                 self.device.get(rest.x[n]), float(rest.residual[n]), bool(rest.stable[n]), int(rest.iterations[n]),
                 bool(rest.converged[n]),
             )  # fmt: skip
-            drapes.append(self._finish(request, own, float(energy[n]), int(steps[n]), seconds))
+            judged = verdict(self.mesh, own, self._crossings(own), late=False)
+            if judged[0] in (DrapeStatus.NOT_STILL, DrapeStatus.DIVERGED):
+                again = self._put_up_again(request, time_limit_s)
+                drapes.append(replace(again, seconds=again.seconds + seconds))
+                continue
+            drapes.append(
+                Drape(
+                    self.mesh, own.x.reshape(-1, 3), judged[0], own.residual, float(energy[n]), own.stable,
+                    int(steps[n]), seconds, judged[1],
+                )
+            )  # fmt: skip
         return drapes
 
-    def _finish(self, request: Request, rest: Rest, energy: float, steps: int, seconds: float) -> Drape:
-        vertices = rest.x.reshape(-1, 3)
-        crossings = count_crossings(vertices, self.mesh.triangles) if rest.converged else 0
-        status, reason = verdict(self.mesh, rest, crossings, late=False)
-        if status in (DrapeStatus.NOT_STILL, DrapeStatus.DIVERGED):
-            self.put_up_again += 1
-            if self._single is None:
-                self._single = Solver(self.mesh)
-            again = self._single.solve(
-                request.fabric, request.setup, seed=request.seed, jitter=request.jitter, mechanics=request.mechanics
-            )
-            return replace(again, seconds=again.seconds + seconds)
-        return Drape(self.mesh, vertices, status, rest.residual, energy, rest.stable, steps, seconds, reason)
+    def _crossings(self, rest: Rest) -> int:
+        return count_crossings(rest.x.reshape(-1, 3), self.mesh.triangles) if rest.converged else 0
+
+    def _put_up_again(self, request: Request, time_limit_s: float | None) -> Drape:
+        self.put_up_again += 1
+        if self._single is None:
+            self._single = Solver(self.mesh)
+        return self._single.solve(
+            request.fabric, request.setup, seed=request.seed, jitter=request.jitter, mechanics=request.mechanics,
+            time_limit_s=time_limit_s,
+        )  # fmt: skip
 
     def _cascade(self, requests: Sequence[Request]) -> tuple[BatchRest, Tensor, Tensor]:
         """Rest on the last level, energies [J] and steps taken on all."""

@@ -55,6 +55,28 @@ class DyingWorker(ObedientWorker):
             os.kill(os.getpid(), signal.SIGKILL)
 
 
+class DyingTogetherWorker(ObedientWorker):
+    """Solves shards ahead; simulation 4 kills the process, always, and the shard of simulation 10 does so twice."""
+
+    def run(self, task: ShardTask) -> Iterator[SimulationDone]:
+        """Die, or go on as the others."""
+        numbers = self.configuration.layout.shard_simulations(task.shard)
+        tries = self.folder / "tries"
+        ahead = not task.one_by_one
+        if ahead and 10 in numbers and (not tries.exists() or tries.stat().st_size < 2):
+            with tries.open("a") as file:
+                file.write(".")
+            os.kill(os.getpid(), signal.SIGKILL)
+        if ahead and 4 in numbers:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield from super().run(task)
+
+    def simulate(self, number: int) -> None:
+        """Die or go on."""
+        if number == 4:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
 class HangingWorker(ObedientWorker):
     """Simulation 7 never ends."""
 

@@ -10,11 +10,14 @@ from pathlib import Path
 import pytest
 
 from services.dataset.cluster import ray_cluster
+from services.dataset.configuration import SweepConfiguration
 from services.dataset.dispatch import Dispatcher, DispatchOptions
+from services.dataset.solver_kind import SolverKind
 from services.dataset.worker import SimulationDone
 from simcore.errors import InputError
 from tests.services.dataset_helpers import SHARDS, small_sweep
 from tests.services.dataset_stub_workers import (
+    DyingTogetherWorker,
     DyingWorker,
     FaultyWorker,
     FullDiskWorker,
@@ -33,11 +36,16 @@ def cluster() -> Iterator[int]:
         yield workers
 
 
-def dispatch(folder: Path, worker_class: type[ObedientWorker], **options: float) -> list[SimulationDone]:
+def dispatch(
+    folder: Path,
+    worker_class: type[ObedientWorker],
+    configuration: SweepConfiguration = CONFIGURATION,
+    **options: float,
+) -> list[SimulationDone]:
     """Run all shards; what was heard."""
     heard: list[SimulationDone] = []
     chosen = DispatchOptions(workers=2, **options)  # type: ignore[arg-type]  # whole numbers where they are wanted
-    Dispatcher(str(folder), CONFIGURATION, FABRICS, chosen, heard.append, worker_class).run(range(SHARDS))
+    Dispatcher(str(folder), configuration, FABRICS, chosen, heard.append, worker_class).run(range(SHARDS))
     return heard
 
 
@@ -56,6 +64,12 @@ def test_all_shards_are_done_once_and_old_workers_replaced(tmp_path: Path) -> No
 
 def test_a_simulation_that_keeps_killing_is_given_up_and_the_others_kept(tmp_path: Path) -> None:
     dispatch(tmp_path, DyingWorker)
+    assert shards(tmp_path) == dict.fromkeys(range(6), "ok ok ok") | {1: "ok crashed ok", 6: "ok ok"}
+
+
+def test_workers_that_die_solving_a_shard_together_are_charged_to_the_simulation_that_kills(tmp_path: Path) -> None:
+    together = CONFIGURATION.model_copy(update={"solver": SolverKind.BATCH})
+    dispatch(tmp_path, DyingTogetherWorker, together)
     assert shards(tmp_path) == dict.fromkeys(range(6), "ok ok ok") | {1: "ok crashed ok", 6: "ok ok"}
 
 
