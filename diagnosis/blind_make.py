@@ -151,6 +151,19 @@ def make_blind_check(
         InputError: the plan cannot be, or ``out`` holds a check of another plan.
         SimulationError: a set cannot be simulated.
     """
+    make = case_maker(out, plan, cache)
+    for number in range(plan.cases):
+        make(number)
+        if on_case is not None:
+            on_case(1.0)
+
+
+def case_maker(out: Path, plan: BlindPlan, cache: DrapeCache | None = None) -> Callable[[int], None]:
+    """Write the manifest; what is returned makes a case, by its number, if it is not there.
+
+    Raises:
+        InputError: the plan cannot be, or ``out`` holds a check of another plan.
+    """
     plan.check()
     manifest = _manifest(plan)
     path = out / MANIFEST_FILE
@@ -160,12 +173,12 @@ def make_blind_check(
     write_atomically(path, (json.dumps(manifest, indent=1) + "\n").encode())
     fabrics = FabricPrior.default(DIAGNOSABLE).sample(range(plan.pool), plan.seed)
     shelf = cache or DrapeCache(out / "drapes")
-    for number in range(plan.cases):
-        name = case_name(number)
-        if not is_sealed(out / name):
-            _make_case(out, name, number, plan, fabrics, shelf)
-        if on_case is not None:
-            on_case(1.0)
+
+    def make(number: int) -> None:
+        if not is_sealed(out / case_name(number)):
+            _make_case(out, case_name(number), number, plan, fabrics, shelf)
+
+    return make
 
 
 def is_sealed(folder: Path) -> bool:
@@ -216,6 +229,12 @@ def _make_case(
     made = make_capture_set(out / name, synthesis, label.effects, fabrics=stated, name=name, cache=cache)
     public = {**made.document.as_json(), "label_sha256": hashlib.sha256(sealed).hexdigest()}
     write_atomically(out / name / CAPTURES_FILE, (json.dumps(public, indent=1) + "\n").encode())
+
+
+def plan_of(manifest: Mapping[str, Any]) -> BlindPlan:
+    """The plan that a manifest was written from."""
+    values = {key: value for key, value in manifest.items() if key != "format"}
+    return BlindPlan(**{**values, "withhold": tuple(values["withhold"]), "scenes": tuple(values["scenes"])})
 
 
 def _manifest(plan: BlindPlan) -> dict[str, Any]:

@@ -93,6 +93,7 @@ def answer_cases(
     cache: DrapeCache,
     workers: int = 1,
     seconds: float = math.inf,
+    make: Callable[[int], None] | None = None,
     on_case: Callable[[float], None] | None = None,
 ) -> list[Answer]:
     """Diagnose all cases (those that have a report of this version keep it), then open their labels.
@@ -102,6 +103,7 @@ def answer_cases(
         cache: of simulations.
         workers: processes.
         seconds: after which no further case is begun; what is done counts.
+        make: makes a case, by its number, that is not there yet; by default such cases are left out.
         on_case: called with 1 for every case.
 
     Raises:
@@ -112,10 +114,15 @@ def answer_cases(
     options = DiagnosisOptions(without=tuple(manifest["withhold"]), workers=workers)
     (out / REPORTS_FOLDER).mkdir(exist_ok=True)
     done = []
-    for name in (case_name(number) for number in range(manifest["cases"])):
+    for number in range(manifest["cases"]):
+        name = case_name(number)
         path = out / REPORTS_FOLDER / f"{name}.json"
         if not _is_answered(path):
-            if time.monotonic() - began > seconds or not is_sealed(out / name):
+            if time.monotonic() - began > seconds:
+                continue
+            if make is not None:
+                make(number)
+            if not is_sealed(out / name):
                 continue
             start = time.process_time()
             found = diagnose(CaptureSet.load(out / name), options, cache=cache)

@@ -6,16 +6,18 @@ that is not good enough: here the very size is simulated, and the table of respo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.base_state import picture_of
+from diagnosis.base_state import depth_rms, noise_square, picture_of
+from diagnosis.drape_cache import drape_key
 from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
-from diagnosis.fabric_task import CaptureResult, FabricResult
+from diagnosis.fabric_task import AS_NEAR_AS_BEFORE, AS_NEAR_M, CaptureResult, FabricResult
 from diagnosis.features import measure
 from diagnosis.responses import Responses, clean
 from diagnosis.scene import SimulationScene
@@ -24,6 +26,8 @@ from diagnosis.sizes import node_weights
 from simcore.parameters import FabricParameters
 
 Array = NDArray[np.float64]
+NEAR_ENOUGH_M = 0.0006
+"""A state whose difference from the capture is noise but for this needs no further search."""
 Sized = tuple[str, Mapping[str, float]]
 """Name of an effect and its size."""
 
@@ -40,10 +44,14 @@ class FreshLook:
     Attributes:
         simulator: solves and keeps.
         result: the fabric's captures with the states that they show.
+        found: states with effects on and their distance from a capture [m], by what was simulated and by capture.
+        begun: the first state that was found with some effects on, by base state and names.
     """
 
     simulator: Simulator
     result: FabricResult
+    found: dict[str, dict[str, tuple[KeyedDrape, float]]] = field(default_factory=dict)
+    begun: dict[tuple[str, str], KeyedDrape] = field(default_factory=dict)
 
     def scene_of(self, capture: CaptureResult) -> SimulationScene:
         """The simulation that should give a capture, without effects."""
@@ -52,14 +60,46 @@ class FreshLook:
     def drape(
         self, capture: CaptureResult, effects: Sequence[Sized], fabric: FabricParameters | None = None
     ) -> KeyedDrape:
-        """What a capture's state turns into with effects on, and perhaps other parameters."""
+        """The equilibrium with effects on that is nearest to a capture, and perhaps with other parameters.
+
+        What the capture's state turns into when the effects come on is often another fold state than the one in which
+        a sample comes to rest that was put up with them: where it does not fit, the capture's heights lead the way.
+        """
         scene = self.scene_of(capture)
         changed = with_effects(scene, effects)
-        own = fabric or self.result.task.parameters
-        same = own == self.result.task.parameters
-        if same and (changed.setup, changed.mechanics) == (scene.setup, scene.mechanics):
-            return capture.base
-        return self.simulator.proceed(capture.base, own, changed)
+        best = capture.base
+        if (changed.setup, changed.mechanics) != (scene.setup, scene.mechanics):
+            best = self._nearest(capture, changed, " ".join(name for name, _ in effects))
+        if fabric is None or fabric == self.result.task.parameters:
+            return best
+        return self.simulator.proceed(best, fabric, changed)
+
+    def _nearest(self, capture: CaptureResult, changed: SimulationScene, names: str) -> KeyedDrape:
+        """States of the same effects at another size are where the search begins; else the state without."""
+        fabric = self.result.task.parameters
+        depth = next(c.depth for c in self.result.task.captures if c.id == capture.id)
+        key = drape_key(capture.base.drape.mesh, fabric, changed.setup, changed.mechanics)
+        known = self.found.setdefault(key, {})
+        if capture.id in known:
+            return known[capture.id][0]
+
+        def distance(drape: KeyedDrape) -> float:
+            return depth_rms(depth, picture_of(drape.drape, changed)) if drape.drape.ok else math.inf
+
+        begun = self.begun.get((capture.base.key, names))
+        first = self.simulator.proceed(begun or capture.base, fabric, changed)
+        best = min([first, *(drape for drape, _ in known.values())], key=distance)
+        near = distance(best)
+        before = min((d for drape, d in known.values() if drape.key == best.key), default=0.0)
+        enough = max(math.sqrt(noise_square(changed) + NEAR_ENOUGH_M**2), AS_NEAR_AS_BEFORE * before + AS_NEAR_M)
+        if near > enough and begun is None:
+            led = self.simulator.led(capture.base, fabric, changed, depth)
+            if distance(led) < near:
+                best, near = led, distance(led)
+        known[capture.id] = (best, near)
+        if best.drape.ok:
+            self.begun.setdefault((capture.base.key, names), best)
+        return best
 
     def picture(
         self, capture: CaptureResult, effects: Sequence[Sized], fabric: FabricParameters | None = None
@@ -96,15 +136,9 @@ def freshen(look: FreshLook, candidates: Sequence[Sized], scene: str) -> FabricR
         candidates: mechanical effects with their sizes.
         scene: captures of this scene are looked at again.
     """
-    done: dict[str, Responses] = {}
-    captures = []
-    for capture in look.result.captures:
-        if capture.scene == scene:
-            key = f"{capture.base.key} {look.scene_of(capture)}"
-            if key not in done:
-                done[key] = _bent(look, capture, candidates)
-            capture = replace(capture, responses=done[key])
-        captures.append(capture)
+    captures = [
+        replace(c, responses=_bent(look, c, candidates)) if c.scene == scene else c for c in look.result.captures
+    ]
     return replace(look.result, captures=tuple(captures))
 
 

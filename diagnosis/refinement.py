@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 from diagnosis.cause import Cause
 from diagnosis.effect import SCALAR
@@ -11,7 +12,7 @@ from diagnosis.fabric_task import FabricResult
 from diagnosis.fresh import FreshLook, Sized, freshen, is_mechanical
 
 ROUNDS = 2
-CANDIDATES = 3
+CANDIDATES, LATER_CANDIDATES = 3, 2
 NEAR_NATS = 8.0
 """An effect whose log evidence is further behind is not looked at again."""
 CLEARLY_NOTHING = 0.97
@@ -37,11 +38,12 @@ def look_again(looks: Mapping[str, FreshLook], weigh: Weigh, scene: str) -> dict
     for _ in range(ROUNDS):
         cause = weigh([look.result for look in now.values()])
         wanted = [c for c in candidates(cause) if not any(_alike(c[1], size) for size in seen.get(c[0], []))]
+        wanted = wanted if not seen else wanted[:LATER_CANDIDATES]
         if not wanted:
             break
         for name, size in wanted:
             seen.setdefault(name, []).append(size)
-        now = {f: FreshLook(look.simulator, freshen(look, wanted, scene)) for f, look in now.items()}
+        now = {f: replace(look, result=freshen(look, wanted, scene)) for f, look in now.items()}
     return now
 
 

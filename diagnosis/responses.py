@@ -31,8 +31,10 @@ PATCH_RADIUS_M = 0.011
 """A magnet's patch: a corner and its neighbours on a 10 mm mesh."""
 COARSE_TOO_FAR_M = 0.004
 """A coarse state further from its fine origin than this fell into other folds and is not used."""
-BORROW_M = {"hanging": 0.003, "stretch": 0.0005}
+BORROW_M = {"hanging": 0.006, "stretch": 0.001}
 """Responses of a state that is nearer than this serve too."""
+ENOUGH_STATES = {"hanging": 3, "stretch": 6}
+"""Where so many states of a fabric have responses, the nearest one's serve whatever the distance."""
 
 
 @dataclass(frozen=True)
@@ -101,15 +103,15 @@ def borrowed_responses(
     reference: Reference,
 ) -> Responses:
     """:func:`find_responses` of the nearest known state that has them, if it is near enough; else of this one."""
-    limit = BORROW_M[scene.setup.scene.value]
-    known = StateLibrary.of(simulator.cache, state.drape.mesh, fabric, scene).states()
-    near = sorted(((vertex_rms(state.drape, other.drape), n) for n, other in enumerate(known)), key=lambda e: e[0])
+    name = scene.setup.scene.value
     lender = state
     if not simulator.cache.has(_key("common", state, scene)):
-        for distance, n in near:
-            if distance < limit and simulator.cache.has(_key("common", known[n], scene)):
-                lender = known[n]
-                break
+        known = StateLibrary.of(simulator.cache, state.drape.mesh, fabric, scene).states()
+        able = [other for other in known if simulator.cache.has(_key("common", other, scene))]
+        if able:
+            nearest = min(able, key=lambda other: vertex_rms(state.drape, other.drape))
+            if len(able) >= ENOUGH_STATES[name] or vertex_rms(state.drape, nearest.drape) < BORROW_M[name]:
+                lender = nearest
     if lender is not state:
         picture = picture_of(lender.drape, scene)
         reference = make_reference(lender.drape, scene)

@@ -34,6 +34,7 @@ def make(
     resolution: float = typer.Option(0.0125, "--resolution", help="Edge of a mesh cell [m]; not the diagnosis's."),
     scenes: str = typer.Option("hanging,stretch", "--scenes", help="Of every set, comma-separated."),
     withhold: list[str] = typer.Option([], "--withhold", help="Effect that the data has and the diagnosis lacks."),
+    plan_only: bool = typer.Option(False, "--plan-only", help="Only the plan: `blind score --make` makes the cases."),
     json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
     """Write sealed capture sets: labels in files of their own, their hashes in the sets.
@@ -42,14 +43,17 @@ def make(
     Example:
       drapemeter blind make 20 check/ --seed 7 --withhold hem_weight
     """
-    from diagnosis.blind_make import BlindPlan, make_blind_check
+    from diagnosis.blind_make import BlindPlan, case_maker, make_blind_check
 
     plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, tuple(withhold), tuple(scenes.split(",")))
     plan.check()
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder", code="output_is_file")
-    with console.progress("simulating", total=cases) as bar:
-        make_blind_check(out, plan, on_case=bar.advance)
+    if plan_only:
+        case_maker(out, plan)
+    else:
+        with console.progress("simulating", total=cases) as bar:
+            make_blind_check(out, plan, on_case=bar.advance)
     if json_output:
         console.emit_json({"cases": cases, "out": str(out), "seed": seed, "withhold": list(withhold)})
         return
@@ -63,6 +67,9 @@ def score(
     train: Path | None = typer.Option(
         None, "--train", help="Another, scored check, to train a plain classifier on as a baseline."
     ),
+    make_missing: bool = typer.Option(
+        False, "--make", help="Make cases that are not there yet, one after the other, each before it is diagnosed."
+    ),
     minutes: float = typer.Option(0.0, "--minutes", help="Begin no further case after this time; 0: do all."),
     json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
 ) -> None:
@@ -74,6 +81,7 @@ def score(
     Example:
       drapemeter blind score check/ --page check.md
     """
+    from diagnosis.blind_make import case_maker, plan_of
     from diagnosis.blind_page import render_page
     from diagnosis.blind_score import answer_cases, classify, read_manifest
     from diagnosis.blind_score import score as count
@@ -83,8 +91,14 @@ def score(
 
     manifest = read_manifest(out)
     with console.progress("diagnosing", total=manifest["cases"]) as bar:
-        limit = 60.0 * minutes or math.inf
-        answers = answer_cases(out, cache=DrapeCache.default(), workers=workers, seconds=limit, on_case=bar.advance)
+        answers = answer_cases(
+            out,
+            cache=DrapeCache.default(),
+            workers=workers,
+            seconds=60.0 * minutes or math.inf,
+            make=case_maker(out, plan_of(manifest)) if make_missing else None,
+            on_case=bar.advance,
+        )
     if train is not None:
         effects = [name for name in catalogue() if name not in manifest["withhold"]]
         answers = classify(out, train, answers, effects)
