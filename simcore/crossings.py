@@ -28,10 +28,8 @@ def count_crossings(vertices: Array, triangles: NDArray[np.int32]) -> int:
     centres, middles = corners.mean(axis=1), vertices[edges].mean(axis=1)
     reach = float(np.linalg.norm(corners - centres[:, None], axis=2).max())
     reach += 0.5 * float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).max())
-    near = cKDTree(middles).query_ball_tree(cKDTree(centres), reach)
-    lengths = np.fromiter((len(n) for n in near), dtype=np.int64, count=len(near))
-    edge = np.repeat(np.arange(len(near)), lengths)
-    triangle = np.fromiter((t for n in near for t in n), dtype=np.int64, count=int(lengths.sum()))
+    near = cKDTree(middles).sparse_distance_matrix(cKDTree(centres), reach, output_type="ndarray")
+    edge, triangle = near["i"], near["j"]
     apart = (edges[edge][:, :, None] != triangles[triangle][:, None, :]).all(axis=(1, 2))
     edge, triangle = edge[apart], triangle[apart]
     return sum(

@@ -1,0 +1,75 @@
+"""Drapes a second of the batch solver against the single one on one core, in the same run.
+
+    python bench/bench_batch.py [--arch cuda] [--cells 10] [--fabrics 64] [--single 6] [--json batch.json]
+
+Fabrics of the prior, both scenes. Compilation is left out of both by a first batch of two. On ``cpu`` the batch has
+no advantage to show: there it is the code path of the GPU, run to see that it works.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import torch
+
+from simcore.batch.solver import BatchSolver, Request, memory_bytes
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.prior import FabricPrior
+from simcore.scenes import Scene, Setup
+from simcore.solver import Solver
+
+
+def requests(count: int) -> list[Request]:
+    """Both scenes of each fabric."""
+    drawn = FabricPrior.default().sample_array(range(count), seed=11)
+    return [
+        Request(FabricParameters(*map(float, values)), Setup.nominal(scene), seed=n)
+        for n, values in enumerate(drawn)
+        for scene in Scene
+    ]
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--arch", choices=["cuda", "cpu"], default="cuda" if torch.cuda.is_available() else "cpu")
+    parser.add_argument("--cells", type=float, default=10.0, help="mm")
+    parser.add_argument("--fabrics", type=int, default=64)
+    parser.add_argument("--single", type=int, default=6, help="fabrics that the single solver drapes too")
+    parser.add_argument("--json", type=Path, default=Path("out/bench/batch.json"))
+    options = parser.parse_args()
+    mesh = GridMesh(1e-3 * options.cells)
+    wanted = requests(options.fabrics)
+    batch = BatchSolver(mesh, options.arch, most=len(wanted))
+    batch.solve(wanted[:2])
+    batch.put_up_again = 0
+    began = time.perf_counter()
+    drapes = batch.solve(wanted)
+    wall = time.perf_counter() - began
+    single = Solver(mesh)
+    single.solve(wanted[0].fabric, wanted[0].setup)
+    seconds = [single.solve(r.fabric, r.setup, seed=r.seed).seconds for r in wanted[: 2 * options.single]]
+    result = {
+        "arch": options.arch,
+        "cells_mm": options.cells,
+        "drapes": len(drapes),
+        "still": sum(drape.ok for drape in drapes),
+        "put_up_again": batch.put_up_again,
+        "wall_s": round(wall, 2),
+        "drapes_per_s": round(len(drapes) / wall, 3),
+        "single_drapes_per_s": round(len(seconds) / sum(seconds), 3),
+        "times_one_core": round(len(drapes) / wall * sum(seconds) / len(seconds), 2),
+        "device_mb_a_sample": memory_bytes(mesh) // 2**20,
+    }
+    for name, value in result.items():
+        print(f"{name:22} {value}")
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

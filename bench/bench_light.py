@@ -1,0 +1,82 @@
+"""What a solver process costs besides its drapes: compilation cold and cached, and memory over many drapes.
+
+    python bench/bench_light.py [--cells 10] [--drapes 200] [--json light.json]
+
+Each measurement is a process of its own; the first has an empty kernel cache, the second finds it filled.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+COMPILING = """
+import json, time
+began = time.process_time()
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Scene, Setup
+from simcore.solver import Solver
+imported = time.process_time()
+solver = Solver(GridMesh(0.05))
+fabric, setup = FabricParameters(3000, 2500, 1000, 2.5e-4, 2.5e-4, 2.5e-4, 0.4), Setup.nominal(Scene.HANGING)
+first = solver.solve(fabric, setup).seconds
+second = solver.solve(fabric, setup).seconds
+print(json.dumps({"import_s": imported - began, "compile_s": first - second}))
+"""
+
+DRAPING = """
+import json, os, sys
+from pathlib import Path
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.prior import FabricPrior
+from simcore.scenes import Scene, Setup
+from simcore.solver import Solver
+cells, drapes = float(sys.argv[1]), int(sys.argv[2])
+def rss():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+solver = Solver(GridMesh(1e-3 * cells))
+seen = []
+for n, values in enumerate(FabricPrior.default().sample_array(range(drapes), seed=11)):
+    solver.solve(FabricParameters(*map(float, values)), Setup.nominal(list(Scene)[n % 2]), seed=n)
+    seen.append(rss())
+print(json.dumps({"after_10_mb": seen[min(9, drapes - 1)], "after_half_mb": seen[drapes // 2], "last_mb": seen[-1],
+                  "most_mb": max(seen)}))
+"""
+
+
+def run(program: str, *arguments: str, cache: str) -> dict[str, float]:
+    """A program of its own in a process of its own; its last line is JSON."""
+    environment = os.environ | {"DRAPEMETER_KERNEL_CACHE": cache, "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments], env=environment, capture_output=True, text=True, check=True
+    )
+    result: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return {name: round(value, 2) for name, value in result.items()}
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--cells", type=float, default=10.0, help="mm")
+    parser.add_argument("--drapes", type=int, default=200)
+    parser.add_argument("--json", type=Path, default=Path("out/bench/light.json"))
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as cache:
+        results = {"cold": run(COMPILING, cache=cache), "cached": run(COMPILING, cache=cache)}
+        for name, values in results.items():
+            print(name, values, flush=True)
+        results["memory"] = run(DRAPING, str(options.cells), str(options.drapes), cache=cache)
+        print("memory", results["memory"])
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
