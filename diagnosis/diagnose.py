@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 
 from capture.capture_set import CaptureSet
 from diagnosis.atlas import forecast
@@ -87,6 +88,7 @@ class Diagnosis:
     pixels: PixelBlock
     assumed: tuple[str, ...]
     held: tuple[Held, ...] = ()
+    looks: Mapping[str, FreshLook] = MappingProxyType({})
 
 
 Progress = Callable[[float], None]
@@ -222,7 +224,7 @@ class _Conclusion:
             assumed=list(assumed),
         )
         held = () if measured is None else measured.held
-        return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, held)
+        return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, held, looks)
 
     def weigh(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
         """Single effects alone."""

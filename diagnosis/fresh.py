@@ -17,17 +17,20 @@ from diagnosis.base_state import depth_rms, noise_square, picture_of
 from diagnosis.drape_cache import drape_key
 from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
-from diagnosis.fabric_task import AS_NEAR_AS_BEFORE, AS_NEAR_M, CaptureResult, FabricResult
+from diagnosis.fabric_task import AS_NEAR_AS_BEFORE, AS_NEAR_M, CaptureResult, FabricResult, see_state
 from diagnosis.features import measure
 from diagnosis.responses import Responses, clean
 from diagnosis.scene import SimulationScene
 from diagnosis.simulator import KeyedDrape, Simulator
 from diagnosis.sizes import node_weights
+from diagnosis.state_library import StateLibrary
 from simcore.parameters import FabricParameters
 
 Array = NDArray[np.float64]
 NEAR_ENOUGH_M = 0.0006
 """A state whose difference from the capture is noise but for this needs no further search."""
+NEARER, NEAR_MARGIN_M = 0.95, 0.0001
+"""A state is taken instead of the one that was found first where it is so much nearer to the capture."""
 Sized = tuple[str, Mapping[str, float]]
 """Name of an effect and its size."""
 
@@ -136,10 +139,40 @@ def freshen(look: FreshLook, candidates: Sequence[Sized], scene: str) -> FabricR
         candidates: mechanical effects with their sizes.
         scene: captures of this scene are looked at again.
     """
-    captures = [
-        replace(c, responses=_bent(look, c, candidates)) if c.scene == scene else c for c in look.result.captures
-    ]
+    captures = []
+    for capture in look.result.captures:
+        if capture.scene == scene:
+            capture = _rebased(look, capture, candidates)
+            capture = replace(capture, responses=_bent(look, capture, candidates))
+        captures.append(capture)
     return replace(look.result, captures=tuple(captures))
+
+
+def _rebased(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized]) -> CaptureResult:
+    """From the state without effects that is nearest, those that effects leave behind when they are gone included.
+
+    An effect may only help the cloth over a ridge into folds that the capture shows and the first search missed.
+    """
+    task, scene = look.result.task, look.scene_of(capture)
+    depth = next(c.depth for c in task.captures if c.id == capture.id)
+    best, near = capture.base, NEARER * capture.rms_m - NEAR_MARGIN_M
+    for candidate in candidates:
+        shown = look.drape(capture, [candidate])
+        left = look.simulator.proceed(shown, task.parameters, scene) if shown.drape.ok else shown
+        if left.drape.ok and depth_rms(depth, picture_of(left.drape, scene)) < near:
+            best, near = left, depth_rms(depth, picture_of(left.drape, scene))
+    if best is capture.base:
+        return capture
+    StateLibrary.of(look.simulator.cache, best.drape.mesh, task.parameters, scene).add(best)
+    seen = see_state(look.simulator, task, scene, best)
+    return replace(
+        capture,
+        base=best,
+        reference=seen.reference,
+        responses=seen.responses,
+        measured=measure(depth, seen.reference),
+        rms_m=near,
+    )
 
 
 def _bent(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized]) -> Responses:

@@ -16,7 +16,7 @@ from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, CaptureTask
 from diagnosis.reference import CELLS
-from diagnosis.shrinkage import refitted_residual, response_of
+from diagnosis.shrinkage import refitted_residual, response_of, sized
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
 MOST_PICTURES = 6
@@ -105,8 +105,18 @@ def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
             if own and len(pictures) < MOST_PICTURES:
                 task = next(t for t in result.task.captures if t.id == own[0].id)
                 block = next(b for b in diagnosis.blocks if b.fabric == own[0].fabric and b.scene == scene)
-                pictures.append({"title": own[0].id, "data": _picture(task, own[0], _maps(block, diagnosis.cause))})
+                after = _after(diagnosis, own[0])
+                data = _picture(task, own[0], after, _maps(block, diagnosis.cause))
+                pictures.append({"title": own[0].id, "data": data})
     return pictures
+
+
+def _after(diagnosis: Diagnosis, capture: CaptureResult) -> NDArray[np.float32] | None:
+    """Simulation with the named effects on, ideal picture [m]; None where nothing is named or simulated afresh."""
+    look = diagnosis.looks.get(capture.fabric)
+    if look is None or not diagnosis.cause.named:
+        return None
+    return look.picture(capture, sized(diagnosis.cause))
 
 
 def _maps(block: Block, cause: Cause) -> list[tuple[str, NDArray[np.float64]]]:
@@ -128,31 +138,40 @@ def _maps(block: Block, cause: Cause) -> list[tuple[str, NDArray[np.float64]]]:
     return maps
 
 
-def _picture(task: CaptureTask, found: CaptureResult, maps: list[tuple[str, NDArray[np.float64]]]) -> str:
-    """Capture, simulation, their difference, and what is left on the cloth's own cells; PNG in base64."""
+def _picture(
+    task: CaptureTask,
+    found: CaptureResult,
+    after: NDArray[np.float32] | None,
+    maps: list[tuple[str, NDArray[np.float64]]],
+) -> str:
+    """Capture, simulation before and after, difference, and what is left on the cloth's own cells; PNG in base64."""
     from matplotlib.figure import Figure
 
     rows, columns = np.nonzero(found.reference.cell >= 0)
     window = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
     depth, simulated = task.depth[window].astype(float), found.reference.depth[window].astype(float)
     difference = 1e3 * np.where((depth > 0) & (simulated > 0), simulated - depth, np.nan)
-    figure = Figure(figsize=(4.0 * (3 + len(maps)), 4), layout="constrained")
-    axes: Any = figure.subplots(1, 3 + len(maps))
     far = float(np.max(simulated))
     high = 1e3 * (far - float(np.min(simulated[simulated > 0])))
-    for axis, values, title in (
-        (axes[0], _height(depth, far), "capture, height [mm]"),
-        (axes[1], _height(simulated, far), "simulation without effect [mm]"),
-    ):
+    shown = [
+        (_height(depth, far), "capture, height [mm]"),
+        (_height(simulated, far), "simulation without effect [mm]"),
+    ]
+    if after is not None:
+        shown.append((_height(after[window].astype(float), far), "simulation with what was found [mm]"))
+    figure = Figure(figsize=(4.0 * (len(shown) + 1 + len(maps)), 4), layout="constrained")
+    axes: Any = figure.subplots(1, len(shown) + 1 + len(maps))
+    for axis, (values, title) in zip(axes, shown, strict=False):
         drawn = axis.imshow(values, vmin=0, vmax=high, cmap="viridis")
         axis.set_title(title)
         figure.colorbar(drawn, ax=axis, shrink=0.8)
     most = max(2.0, float(np.nanquantile(np.abs(difference), 0.98)))
-    drawn = axes[2].imshow(difference, vmin=-most, vmax=most, cmap="RdBu_r")
-    axes[2].set_title("capture nearer (red) or farther (blue) [mm]")
-    figure.colorbar(drawn, ax=axes[2], shrink=0.8)
+    apart = axes[len(shown)]
+    drawn = apart.imshow(difference, vmin=-most, vmax=most, cmap="RdBu_r")
+    apart.set_title("capture nearer (red) or farther (blue) [mm]")
+    figure.colorbar(drawn, ax=apart, shrink=0.8)
     most = max(1.0, float(np.nanquantile(np.abs(maps[0][1]), 0.98)))
-    for axis, (title, table) in zip(axes[3:], maps, strict=True):
+    for axis, (title, table) in zip(axes[len(shown) + 1 :], maps, strict=True):
         drawn = axis.imshow(table, vmin=-most, vmax=most, cmap="RdBu_r")
         axis.set_title(title)
         figure.colorbar(drawn, ax=axis, shrink=0.8)

@@ -35,7 +35,7 @@ class LikelihoodModel:
         wide_fabric: probability that a fabric's stated parameters are wrong.
     """
 
-    spread_stretch: float = 0.5
+    spread_stretch: float = 0.35
     spread_hanging: float = 0.8
     dimension_share: float = 0.25
     degrees: float = 20.0

@@ -30,6 +30,7 @@ class NoiseModel:
         held_m: how far the place at which a magnet holds the cloth differs from the simulated one (common).
         grip_share: share of the change between a magnet that holds a point and one that holds a patch (common).
         mesh_share: share of the change to a mesh of twice the cell that is the fine mesh's own error, uncertainty.
+        mesh_most_m: root mean square of that change beyond which folds moved, which refinement does not explain.
         mesh_local: the same cell by cell, smooth.
         hanging_factor: all of this is so much larger in ``hanging``.
         length, short_length: correlation lengths of these errors, half of their variance each, in sample sizes.
@@ -51,6 +52,7 @@ class NoiseModel:
     held_m: float = 0.0003
     grip_share: float = 0.7
     mesh_share: float = 0.7
+    mesh_most_m: float = 0.0015
     mesh_local: float = 0.7
     hanging_factor: float = 3.0
     length: float = 0.15
@@ -70,7 +72,7 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
     """
     sizes = [c.reference.count + 3 for c in captures]
     held = np.concatenate([c.responses.pins for c in captures], axis=1) * model.held_m
-    mesh = np.concatenate([c.responses.mesh for c in captures]) * model.mesh_share
+    mesh = np.concatenate([_mesh_error(c, model) for c in captures]) * model.mesh_share
     grip = np.concatenate([c.responses.grip for c in captures]) * model.grip_share
     jacobian = np.vstack([stacked_jacobian(captures, sigma), held, mesh[None], grip[None]])
     total = jacobian.T @ jacobian
@@ -109,9 +111,16 @@ def _smooth(first: CaptureResult, second: CaptureResult, model: NoiseModel, *, s
     near_a, near_b = (cloth * np.exp(-np.abs(r.height) / model.touch_m) for cloth, r in ((cloth_a, a), (cloth_b, b)))
     contact = model.contact_m**2 * np.outer(cloth_a, cloth_b) + model.touching_m**2 * np.outer(near_a, near_b)
     mesh = model.mesh_local**2 * np.outer(
-        _on_cells(first, first.responses.mesh), _on_cells(second, second.responses.mesh)
+        _on_cells(first, _mesh_error(first, model)), _on_cells(second, _mesh_error(second, model))
     )
     return np.asarray(kernel * (scale**2 * (flat + slide + height) + mesh) + contact)
+
+
+def _mesh_error(capture: CaptureResult, model: NoiseModel) -> Array:
+    """Change to the coarser mesh, cut where it is one of folds rather than of refinement."""
+    change = capture.responses.mesh
+    size = float(np.sqrt(np.mean(_on_cells(capture, change) ** 2)))
+    return change * min(1.0, model.mesh_most_m / max(size, 1e-12))
 
 
 def _on_cells(capture: CaptureResult, vector: Array) -> Array:
