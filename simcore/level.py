@@ -131,8 +131,10 @@ class Level:
         return self._factored.factor(whole.data)
 
     def solve(self, right: Array) -> Array:
-        """Solve with the last factorisation; shapes [rows, columns, 3]."""
-        return self._factored.solve(right.ravel()).reshape(self.grid.shape)
+        """Solve with the last factorisation; shapes [rows, columns, 3], zero where held."""
+        out = self._factored.solve(right.ravel()).reshape(self.grid.shape)
+        out[self.fixed == 1] = 0.0  # pivoting mixes rows: what is left there is tiny, but would move a magnet
+        return out
 
     def soft_modes(self, count: int, start: Array, rounds: int) -> tuple[Array, Array]:
         """Eigenpairs nearest zero of the last factored Hessian, by subspace iteration with its inverse.

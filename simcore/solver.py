@@ -155,8 +155,12 @@ class Solver:
         for level in levels:
             x, count = self._begin(level, x, problem)
             iterations += count
+            if problem.own_contact and problem.start is None and not math.isfinite(level.energy(x)):
+                # interpolated, parts in touch cross: put up on these cells, which is slow but never lets them
+                x, count = self._begin(level, None, problem)
+                iterations += count
             if problem.own_contact and not math.isfinite(level.energy(x)):
-                return Rest(x, math.inf, False, 0, False), iterations  # finer cells let parts cross: nowhere to start
+                return Rest(x, math.inf, False, 0, False), iterations
             last = level is levels[-1]
             options = NewtonOptions() if last else NewtonOptions(tolerance=1e-2, certify=False, iterations=60)
             if problem.own_contact:
