@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from types import MappingProxyType
 
 from capture.capture_set import CaptureSet
 from diagnosis.atlas import forecast
@@ -88,7 +87,7 @@ class Diagnosis:
     pixels: PixelBlock
     assumed: tuple[str, ...]
     held: tuple[Held, ...] = ()
-    looks: Mapping[str, FreshLook] = MappingProxyType({})
+    looks: Mapping[str, FreshLook] = field(default_factory=dict)
 
 
 Progress = Callable[[float], None]

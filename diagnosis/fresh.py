@@ -48,13 +48,13 @@ class FreshLook:
         simulator: solves and keeps.
         result: the fabric's captures with the states that they show.
         found: states with effects on and their distance from a capture [m], by what was simulated and by capture.
-        begun: the first state that was found with some effects on, by base state and names.
+        begun: the first state that was found with some effects on, and its distance, by capture and names.
     """
 
     simulator: Simulator
     result: FabricResult
     found: dict[str, dict[str, tuple[KeyedDrape, float]]] = field(default_factory=dict)
-    begun: dict[tuple[str, str], KeyedDrape] = field(default_factory=dict)
+    begun: dict[tuple[str, str], tuple[KeyedDrape, float]] = field(default_factory=dict)
 
     def scene_of(self, capture: CaptureResult) -> SimulationScene:
         """The simulation that should give a capture, without effects."""
@@ -89,19 +89,18 @@ class FreshLook:
         def distance(drape: KeyedDrape) -> float:
             return depth_rms(depth, picture_of(drape.drape, changed)) if drape.drape.ok else math.inf
 
-        begun = self.begun.get((capture.base.key, names))
-        first = self.simulator.proceed(begun or capture.base, fabric, changed)
+        begun, reached = self.begun.get((capture.id, names), (capture.base, 0.0))
+        first = self.simulator.proceed(begun, fabric, changed)
         best = min([first, *(drape for drape, _ in known.values())], key=distance)
         near = distance(best)
-        before = min((d for drape, d in known.values() if drape.key == best.key), default=0.0)
-        enough = max(math.sqrt(noise_square(changed) + NEAR_ENOUGH_M**2), AS_NEAR_AS_BEFORE * before + AS_NEAR_M)
-        if near > enough and begun is None:
+        reached = min((d for drape, d in known.values() if drape.key == best.key), default=reached)
+        if near > max(math.sqrt(noise_square(changed) + NEAR_ENOUGH_M**2), AS_NEAR_AS_BEFORE * reached + AS_NEAR_M):
             led = self.simulator.led(capture.base, fabric, changed, depth)
             if distance(led) < near:
                 best, near = led, distance(led)
         known[capture.id] = (best, near)
         if best.drape.ok:
-            self.begun.setdefault((capture.base.key, names), best)
+            self.begun.setdefault((capture.id, names), (best, near))
         return best
 
     def picture(
