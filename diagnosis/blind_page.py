@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnosis.blind_score import Answer, Score
-from diagnosis.diagnose import GROUPS
+from diagnosis.groups import GROUPS
 from diagnosis.version import MODEL_VERSION
 
 AIMS = (

@@ -21,9 +21,10 @@ from diagnosis.baselines import BASELINES, baseline_answers
 from diagnosis.blind_make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, case_name, is_sealed
 from diagnosis.blind_verify import verify
 from diagnosis.classifier import Classifier, example_parts, features
-from diagnosis.diagnose import GROUPS, Diagnosis, DiagnosisOptions, diagnose
+from diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import catalogue
+from diagnosis.groups import group_of
 from diagnosis.version import MODEL_VERSION
 from renderer.atomic import write_atomically
 from simcore.errors import InputError
@@ -75,11 +76,6 @@ class Answer:
         """Of one explanation with those declared inseparable from it."""
         probabilities = self.report["cause"]["probabilities"]
         return float(sum(probabilities.get(other, 0.0) for other in {name, *group_of(name)}))
-
-
-def group_of(name: str) -> frozenset[str]:
-    """The effects declared inseparable from one, itself included."""
-    return next((group for group in GROUPS if name in group), frozenset({name}))
 
 
 def same(answer: str, truth: str) -> bool:

@@ -17,6 +17,7 @@ from diagnosis.effect import SCALAR, Stage
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.fabric_task import FabricResult, FabricTask, explain_fabric
 from diagnosis.fresh import FreshLook
+from diagnosis.groups import group_of
 from diagnosis.isolability import not_separable
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
@@ -32,11 +33,6 @@ from diagnosis.simulator import Cost, Simulator
 from diagnosis.version import MODEL_VERSION
 from simcore.errors import InputError
 
-GROUPS: tuple[frozenset[str], ...] = (
-    frozenset({"depth_scale", "depth_bias", "camera_translation"}),
-    frozenset({"air_draft", "panel_tilt"}),
-)
-"""Effects that two scenes at one distance cannot tell apart."""
 CLOSE = 2.0
 """An effect whose log evidence comes this near to the named one's is not told apart from it."""
 
@@ -195,7 +191,7 @@ class _Conclusion:
     ) -> Diagnosis:
         """The whole report."""
         noise = replace(self.noise, pin_m=pin_scatter([c for r in results for c in r.captures], self.noise))
-        if looks:
+        if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
             looks = look_again(looks, partial(self.weigh, noise=noise), scene)
             results = [look.result for look in looks.values()]
@@ -264,7 +260,7 @@ def _stage(cause: Cause) -> StageName:
 def _cause_report(cause: Cause, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> CauseReport:
     near: set[str] = set()
     for name in cause.named:
-        near |= next((set(group) for group in GROUPS if name in group), set())
+        near |= group_of(name)
         near |= {n for n, e in cause.evidence.items() if e.log_evidence > cause.evidence[name].log_evidence - CLOSE}
         if not get_effect(name).random_repeats:
             near |= set(not_separable(name, cause.size(name), blocks, pixels, model))

@@ -13,6 +13,7 @@ from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fresh import FreshLook, Sized
+from diagnosis.groups import group_of
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.reference import cell_centres
 from diagnosis.regions import REGIONS, region_of_cells
@@ -194,11 +195,12 @@ def measure_shrinkage(
 
 
 def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:
-    """Of the effects that are not named, the one that explains most at its best size."""
+    """Of the effects that are not named nor declared inseparable from it, the one that explains most at its best."""
+    taken = {other for name in cause.named for other in group_of(name)}
     wrong = [
         e
         for name, e in found.evidence.items()
-        if name not in (*NOT_EFFECTS, *cause.named) and not get_effect(name).random_repeats
+        if name not in (*NOT_EFFECTS, *taken) and not get_effect(name).random_repeats
     ]
     best = max(wrong, key=lambda e: e.best, default=None)
     return None if best is None else (best.name, best.size)
