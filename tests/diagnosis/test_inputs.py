@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture.capture_set import CaptureSet
+from diagnosis import refinement
 from diagnosis.atlas import ATLAS_FILE, forecast, open_atlas
 from diagnosis.diagnose import DiagnosisOptions
 from diagnosis.drape_cache import DrapeCache
@@ -77,5 +78,6 @@ def test_what_it_will_cost_is_known_beforehand(make_set: MakeSet, explain: Diagn
     explain(captures)
     warm = forecast(tasks, shelf)
     assert cold.simulations > 20 and cold.ready == 0
-    assert warm.simulations == 0 and warm.ready == warm.fabrics == 2
+    # what is left hangs on the captures: in each fabric a search and a closer look at some effects
+    assert warm.simulations == 2 * (1 + refinement.CANDIDATES) and warm.ready == warm.fabrics == 2
     assert "simulations" in cold.sentence()
