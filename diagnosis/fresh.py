@@ -29,6 +29,9 @@ from simcore.parameters import FabricParameters
 Array = NDArray[np.float64]
 NEAR_ENOUGH_M = 0.0006
 """A state whose difference from the capture is noise but for this needs no further search."""
+HOLDING = ("panel_friction",)
+"""With friction the cloth rests wherever a capture leads it: any capture would fit. Such effects are not looked at
+again, and nothing is led with them on."""
 NEARER, NEAR_MARGIN_M = 0.95, 0.0001
 """A state is taken instead of the one that was found first where it is so much nearer to the capture."""
 Sized = tuple[str, Mapping[str, float]]
@@ -36,8 +39,9 @@ Sized = tuple[str, Mapping[str, float]]
 
 
 def is_mechanical(effect: Effect) -> bool:
-    """It changes how the cloth comes to rest, the same way in all repeats."""
-    return effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT) and not effect.random_repeats
+    """It changes how the cloth comes to rest, the same way in all repeats, and does not hold it wherever it was put."""
+    mechanical = effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT)
+    return mechanical and not effect.random_repeats and effect.name not in HOLDING
 
 
 @dataclass
@@ -94,7 +98,8 @@ class FreshLook:
         best = min([first, *(drape for drape, _ in known.values())], key=distance)
         near = distance(best)
         reached = min((d for drape, d in known.values() if drape.key == best.key), default=reached)
-        if near > max(math.sqrt(noise_square(changed) + NEAR_ENOUGH_M**2), AS_NEAR_AS_BEFORE * reached + AS_NEAR_M):
+        enough = max(math.sqrt(noise_square(changed) + NEAR_ENOUGH_M**2), AS_NEAR_AS_BEFORE * reached + AS_NEAR_M)
+        if near > enough and changed.mechanics.friction == 0.0:
             led = self.simulator.led(capture.base, fabric, changed, depth)
             if distance(led) < near:
                 best, near = led, distance(led)
