@@ -27,8 +27,10 @@ from diagnosis.sizes import grid, interpolation, log_prior, node_values, vector_
 Array = NDArray[np.float64]
 UNKNOWN_FACTORS = np.geomspace(1.5, 30.0, 13)
 """By how much all errors are larger than modelled when something unknown is there."""
-UNKNOWN_SHAPES_M = np.geomspace(0.0005, 0.016, 6)
-"""Root mean square of a smooth change that nothing describes [m]."""
+UNKNOWN_SHAPES_M = np.geomspace(0.004, 0.016, 3)
+"""Root mean square of a smooth change that nothing describes [m]; simulators differ by 1 mm for no reason at all."""
+MOST_OF_A_BLOCK = 4.0
+"""Log likelihood that such a change may gain in one block: one fabric in other folds is not yet something unknown."""
 UNKNOWN_LENGTH = 0.15
 """Correlation length of such a change, in sample sizes."""
 UNKNOWN_FORMS = 40
@@ -123,7 +125,8 @@ def tabulate_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: Likelih
     calm = float(nothing.pixels[0])
     values = []
     for block, still in zip(blocks, nothing.blocks, strict=True):
-        forms = np.concatenate([_larger_errors(block, model), unknown_shape(block, model)])
+        shapes = np.minimum(unknown_shape(block, model), still + MOST_OF_A_BLOCK)
+        forms = np.concatenate([_larger_errors(block, model), shapes])
         values.append(np.concatenate([forms, forms, still]))
     kinds = (len(UNKNOWN_FACTORS), len(UNKNOWN_SHAPES_M))
     seen = np.concatenate([np.full(sum(kinds), calm), np.full(sum(kinds) + 1, wild)])
