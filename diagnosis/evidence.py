@@ -93,7 +93,7 @@ class Table:
             interval = {n: (size[n] - 1.645 * d, size[n] + 1.645 * d) for n, d in self.sigma.items()}
         elif SCALAR in size:
             values = np.array([s[SCALAR] for s in self.sizes])
-            interval = {SCALAR: _interval(values, np.exp(posterior - evidence))}
+            interval = {SCALAR: _interval(values, np.exp(posterior - evidence), size[SCALAR])}
         else:
             interval = {}
         by_fabric = {key: float(value[top]) for key, value in fabrics.items()}
@@ -291,9 +291,13 @@ def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
     )
 
 
-def _interval(sizes: Array, mass: Array) -> tuple[float, float]:
-    """5 and 95 % points of a distribution on a grid (in any order, with repeats)."""
-    order = np.argsort(sizes, kind="stable")
-    cumulative = np.cumsum(mass[order])
-    low, high = (float(np.interp(q, cumulative, sizes[order])) for q in (0.05, 0.95))
-    return low, high
+def _interval(sizes: Array, mass: Array, top: float) -> tuple[float, float]:
+    """5 and 95 % points of a distribution on a grid (in any order, with repeats), widened to hold ``top``.
+
+    Each point's mass lies half to either side of it: all of it below would shift an interval by half a step.
+    """
+    points, where = np.unique(sizes, return_inverse=True)
+    own = np.bincount(where, weights=mass)
+    middle = np.cumsum(own) - 0.5 * own
+    low, high = (float(np.interp(q, middle, points)) for q in (0.05, 0.95))
+    return min(low, top), max(high, top)

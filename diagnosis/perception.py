@@ -20,6 +20,7 @@ SMOOTHING_PX = 2.5
 LIGHT = (0.35, -0.6, -0.72)
 """Direction towards the light, camera frame: from above and a little from the side."""
 MARGIN_PX = 12
+FRAME_PX = 2
 
 
 def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name: str = "lpips") -> Perceived:
@@ -54,7 +55,9 @@ def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name
                 seen = with_effects(scene, effects)
                 pictures.append(seen.sensor.apply(ideal, np.random.default_rng(number), camera=seen.camera))
             pictures += [tasks[other.id].depth for other in own[:number]]
-            renders = [DrapeRender(shaded=shade(p, scene.camera)[window], depth=None) for p in pictures]
+            # a frame of background: where cloth fills the window nothing else would say that black is black
+            framed = [np.pad(shade(p, scene.camera)[window], FRAME_PX) for p in pictures]
+            renders = [DrapeRender(shaded=picture, depth=None) for picture in framed]
             features = backend.features(renders)
             distance = backend.table(features[:1], features[1:])[0]
             before.append(distance[0])

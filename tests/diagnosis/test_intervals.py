@@ -1,0 +1,28 @@
+"""Intervals of an effect's size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.evidence import _interval
+
+
+def test_an_interval_holds_the_size_that_has_all_the_mass() -> None:
+    sizes, mass = np.array([1.0, 2.0, 3.0, 4.0]), np.array([0.0, 0.02, 0.97, 0.01])
+    low, high = _interval(sizes, mass, 3.0)
+    assert 2.0 < low < 3.0 < high < 4.0
+
+
+def test_an_interval_of_many_points_is_that_of_the_distribution() -> None:
+    sizes = np.linspace(-4.0, 4.0, 401)
+    mass = np.exp(-0.5 * sizes**2)
+    shuffled = np.random.default_rng(0).permutation(401)
+    low, high = _interval(sizes[shuffled], (mass / mass.sum())[shuffled], 0.0)
+    assert (low, high) == pytest.approx((-1.645, 1.645), abs=0.01)
+
+
+def test_sizes_that_come_at_several_places_count_once_each() -> None:
+    sizes = np.tile([1.0, 2.0, 3.0], 2)
+    low, high = _interval(sizes, np.array([0.05, 0.4, 0.05, 0.05, 0.4, 0.05]), 2.0)
+    assert low < 2.0 < high and low == pytest.approx(4.0 - high)
