@@ -56,14 +56,14 @@ class S3Server:
     Attributes:
         kind: ``swift`` or ``moto``.
         port: on 127.0.0.1.
-        commands: its processes' command lines by name; the one that answers clients comes last.
+        commands: its processes' command lines by port; the one that answers clients comes last.
         folder: of logs and, but for moto, of the data.
         processes: those that run.
     """
 
     kind: str
     port: int
-    commands: dict[str, list[str]]
+    commands: dict[int, list[str]]
     folder: Path
     processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
 
@@ -78,11 +78,14 @@ class S3Server:
         return self.kind == "swift"
 
     def start(self) -> None:
-        """Start it, again if it was killed, on the same port and data; returns when it answers."""
-        for name, command in self.commands.items():
-            with (self.folder / f"{name}.log").open("a") as log:
+        """Start it, again if it was killed, on the same port and data; returns when it answers.
+
+        What answers clients is started when the others answer: without them it says that there is no such bucket.
+        """
+        for port, command in self.commands.items():
+            with (self.folder / f"{Path(command[0]).name}.log").open("a") as log:
                 self.processes.append(subprocess.Popen(command, stdout=log, stderr=log))
-        wait_for_answer(self.port)
+            wait_for_answer(port)
 
     def kill(self) -> None:
         """SIGKILL for all its processes, first the one that answers clients."""
@@ -113,7 +116,7 @@ def s3_server(folder: Path) -> Iterator[S3Server]:
     """The server with an empty bucket, until the end of the block."""
     port = free_port()
     real = shutil.which(SWIFT) is not None and os.environ.get("DRAPEMETER_TEST_S3") != "moto"
-    commands = lay_out_swift(folder, port) if real else {"moto": [*MOTO, "-H", "127.0.0.1", "-p", str(port)]}
+    commands = lay_out_swift(folder, port) if real else {port: [*MOTO, "-H", "127.0.0.1", "-p", str(port)]}
     server = S3Server("swift" if real else "moto", port, commands, folder)
     try:
         server.start()
@@ -123,13 +126,14 @@ def s3_server(folder: Path) -> Iterator[S3Server]:
         server.kill()
 
 
-def lay_out_swift(folder: Path, port: int) -> dict[str, list[str]]:
-    """Rings and configurations of account, container, object and proxy servers on one device; their command lines."""
+def lay_out_swift(folder: Path, port: int) -> dict[int, list[str]]:
+    """Rings and configurations of account, container, object and proxy servers on one device; command lines by port."""
     device = folder / "devices" / "d1"
     device.mkdir(parents=True)
+    ports: dict[str, int] = {}
     configurations = {}
     for kind in ("account", "container", "object"):
-        own = free_port()
+        own = ports[kind] = free_port()
         ring = ["swift-ring-builder", str(folder / f"{kind}.builder")]
         add = ["add", "--region", "1", "--zone", "1", "--ip", "127.0.0.1", "--port", str(own), "--device", "d1"]
         for step in (["create", "4", "1", "0"], [*add, "--weight", "1"], ["rebalance"]):
@@ -139,7 +143,8 @@ def lay_out_swift(folder: Path, port: int) -> dict[str, list[str]]:
     proxy = SWIFT_SERVER.format(port=port, folder=folder, pipeline=pipeline, kind="proxy") + SWIFT_FILTERS
     for kind, text in (configurations | {"proxy": proxy}).items():
         (folder / f"{kind}-server.conf").write_text(text)
-    return {kind: [f"swift-{kind}-server", str(folder / f"{kind}-server.conf")] for kind in (*configurations, "proxy")}
+    ports["proxy"] = port
+    return {own: [f"swift-{kind}-server", str(folder / f"{kind}-server.conf")] for kind, own in ports.items()}
 
 
 def wait_for_answer(port: int) -> None:
