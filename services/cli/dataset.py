@@ -161,7 +161,7 @@ def describe_cost(cost: CostEstimate) -> str:
     """One line for people."""
     return (
         f"{cost.simulations} simulations, {cost.pictures} pictures: about {cost.core_hours:.2g} core hours, "
-        f"{cost.hours:.2g} h on {cost.workers} workers, {cost.gigabytes:.2g} GB"
+        f"{cost.hours:.2g} h on {cost.workers} workers, {cost.gigabytes:.2g} GB{f' ({cost.note})' if cost.note else ''}"
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from services.dataset.configuration import SweepConfiguration
+from services.dataset.solver_kind import SolverKind
 
 # Measured on one core (docs/benchmarks.md, "Dataset service"), fabrics of the prior, both scenes together.
 _VERTICES = (121.0, 676.0, 2601.0, 10201.0)
@@ -26,6 +27,7 @@ class CostEstimate:
         hours: wall-clock time on the given workers, one core each.
         gigabytes: size of the store.
         workers: what ``hours`` is for.
+        note: what the times do not tell; empty for the solver that they were measured with.
     """
 
     simulations: int
@@ -34,6 +36,7 @@ class CostEstimate:
     hours: float
     gigabytes: float
     workers: int
+    note: str = ""
 
 
 def estimate_cost(configuration: SweepConfiguration, workers: int, simulations: int | None = None) -> CostEstimate:
@@ -51,4 +54,6 @@ def estimate_cost(configuration: SweepConfiguration, workers: int, simulations: 
     pictures = count * configuration.inclinations
     seconds = count * solve + pictures * _SECONDS_A_PICTURE
     size = pictures * _BYTES_A_PICTURE + count * vertices * _BYTES_A_VERTEX
-    return CostEstimate(count, pictures, seconds / 3600, seconds / 3600 / workers, size / 1e9, workers)
+    measured = configuration.solver is SolverKind.SINGLE
+    note = "" if measured else f"times of solver single; those of solver {configuration.solver.value} are not known"
+    return CostEstimate(count, pictures, seconds / 3600, seconds / 3600 / workers, size / 1e9, workers, note)

@@ -10,6 +10,7 @@ import pytest
 from renderer.store import RowStatus, Store
 from services.cli.main import run
 from services.dataset.configuration import differences
+from services.dataset.cost import estimate_cost
 from services.dataset.fabrics import plan_sweep
 from services.dataset.shard import ShardTask
 from services.dataset.solver_kind import SolverKind
@@ -69,6 +70,11 @@ def test_shards_for_a_gpu_are_larger() -> None:
     large = {"materials": 10_000, "jitters": 2}
     assert plan_sweep(**large)[0].simulations_per_shard == 32
     assert plan_sweep(**large, solver=SolverKind.CUDA)[0].simulations_per_shard == 256
+
+
+def test_the_cost_of_a_solver_that_was_not_measured_says_so() -> None:
+    assert estimate_cost(plan_sweep(materials=3)[0], 2).note == ""
+    assert "not known" in estimate_cost(plan_sweep(materials=3, solver="cuda")[0], 2).note
 
 
 @pytest.mark.ray

@@ -122,6 +122,19 @@ def test_mirrored_pins_give_the_mirrored_drape(solver: Solver) -> None:
     assert a.energy == pytest.approx(b.energy, rel=1e-7)
 
 
+def test_a_mirrored_drape_is_at_rest_between_mirrored_pins(solver: Solver) -> None:
+    nominal = Setup.nominal(Scene.HANGING)
+    left = nominal.with_pins(top_left=(-0.205, 0.004, 0.0), top_right=(0.19, 0.0, 0.0))
+    right = nominal.with_pins(top_left=(-0.19, 0.0, 0.0), top_right=(0.205, 0.004, 0.0))
+    a = solver.solve(FABRICS["stiff"], left, jitter=NO_JITTER)
+    mirrored = positions(a)[:, ::-1] * [-1.0, 1.0, 1.0]
+    start = replace(a, vertices=np.ascontiguousarray(mirrored).reshape(-1, 3))
+    b = solver.solve(FABRICS["stiff"], right, jitter=NO_JITTER, start=start)
+    assert a.ok and b.ok
+    assert np.abs(positions(b) - mirrored).max() < 1e-4
+    assert a.energy == pytest.approx(b.energy, rel=1e-7)
+
+
 def test_a_symmetric_problem_has_a_symmetric_drape(solver: Solver) -> None:
     drape = solver.solve(FABRICS["vstiff"], Setup.nominal(Scene.HANGING), jitter=NO_JITTER)
     x = positions(drape)
