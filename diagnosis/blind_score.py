@@ -20,6 +20,7 @@ from capture.capture_set import CAPTURES_FILE, CaptureSet
 from diagnosis.baselines import BASELINES, baseline_answers
 from diagnosis.blind_make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, case_name, is_sealed
 from diagnosis.blind_verify import verify
+from diagnosis.claims import Claims
 from diagnosis.classifier import Classifier, example_parts, features
 from diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from diagnosis.drape_cache import DrapeCache
@@ -94,6 +95,8 @@ def answer_cases(
 ) -> list[Answer]:
     """Diagnose all cases (those that have a report of this version keep it), then open their labels.
 
+    Several processes may do so at once: each takes groups of cases that no other has.
+
     Args:
         out: what ``blind make`` wrote.
         cache: of simulations.
@@ -109,30 +112,35 @@ def answer_cases(
     manifest = read_manifest(out)
     options = DiagnosisOptions(without=tuple(manifest["withhold"]), workers=workers)
     (out / REPORTS_FOLDER).mkdir(exist_ok=True)
-    done = []
-    for number in range(manifest["cases"]):
-        name = case_name(number)
-        path = out / REPORTS_FOLDER / f"{name}.json"
-        if not _is_answered(path):
-            if time.monotonic() - began > seconds:
-                continue
-            if make is not None:
-                make(number)
-            if not is_sealed(out / name):
-                continue
-            start = time.process_time()
-            found = diagnose(CaptureSet.load(out / name), options, cache=cache)
-            document = found.report.as_json()
-            document["baselines"] = baseline_answers(found)
-            document["cpu_seconds"] = round(time.process_time() - start, 1)
-            _keep_examples(out / EXAMPLES_FOLDER / f"{name}.npz", found)
-            write_atomically(path, (json.dumps(document, indent=1) + "\n").encode())
-        done.append(name)
-        if on_case is not None:
-            on_case(1.0)
+    numbers = range(manifest["cases"])
+    with Claims(out) as claims:
+        for number in numbers:
+            name = case_name(number)
+            path = out / REPORTS_FOLDER / f"{name}.json"
+            if not _is_answered(path):
+                if time.monotonic() - began > seconds or not claims.take(number):
+                    continue
+                if make is not None:
+                    make(number)
+                if not is_sealed(out / name):
+                    continue
+                _answer(out, name, options, cache)
+            if on_case is not None:
+                on_case(1.0)
+    done = [name for name in map(case_name, numbers) if _is_answered(out / REPORTS_FOLDER / f"{name}.json")]
     if not done:
         raise InputError(f"{out}: no case is diagnosed yet: give more time", code="blind_nothing_done")
     return [open_label(out, name, cache) for name in done]
+
+
+def _answer(out: Path, name: str, options: DiagnosisOptions, cache: DrapeCache) -> None:
+    start = time.process_time()
+    found = diagnose(CaptureSet.load(out / name), options, cache=cache)
+    document = found.report.as_json()
+    document["baselines"] = baseline_answers(found)
+    document["cpu_seconds"] = round(time.process_time() - start, 1)
+    _keep_examples(out / EXAMPLES_FOLDER / f"{name}.npz", found)
+    write_atomically(out / REPORTS_FOLDER / f"{name}.json", (json.dumps(document, indent=1) + "\n").encode())
 
 
 def _keep_examples(path: Path, found: Diagnosis) -> None:

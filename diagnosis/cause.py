@@ -16,6 +16,12 @@ from diagnosis.likelihood import LikelihoodModel
 from diagnosis.subtract import pixels_without, without
 
 NOT_EFFECTS = ("none", "unknown")
+ALONE_NATS = 2.0
+"""An explanation may gain so much more by one fabric than by any other."""
+SECOND_NATS = 2.0
+"""A second effect that explains no more than this adds nothing."""
+REFUTED = 0.1
+"""Share of its probability that an effect keeps which brings the simulation no nearer to captures held out from it."""
 FIRST_EFFECTS = 3
 """So many of the best single effects are tried together with every other one."""
 
@@ -32,7 +38,7 @@ class CausePrior:
 
     none: float = 0.3
     unknown: float = 0.05
-    two: float = 0.05
+    two: float = 0.15
     scatter: float = 0.07
     unseen: float = 0.1
 
@@ -98,6 +104,14 @@ class Cause:
             return (self.top, self.pair.second if self.top == self.pair.first else self.pair.first)
         return (self.top,)
 
+    def refuted(self) -> Cause:
+        """With little probability left for what is named; ``none`` and ``unknown`` share the rest as they stand."""
+        lost = {name: (1.0 - REFUTED) * self.probabilities[name] for name in self.named}
+        calm = {name: self.probabilities[name] + 1e-300 for name in NOT_EFFECTS}
+        given = {name: sum(lost.values()) * value / sum(calm.values()) for name, value in calm.items()}
+        changed = {n: p - lost.get(n, 0.0) + given.get(n, 0.0) for n, p in self.probabilities.items()}
+        return replace(self, probabilities=changed, pair_probability=0.0)
+
     def size(self, name: str) -> Mapping[str, float]:
         """Fitted size of a named effect."""
         if self.pair is not None and len(self.named) == 2 and name in self.pair.sizes:
@@ -120,18 +134,34 @@ def name_cause(
         effects: names to try.
         blocks, pixels: what was measured.
         model, prior: of likelihood and explanations.
-        pairs: try two effects together.
+        pairs: try two effects together; where the second explains nothing more, there is one.
     """
     tables = [tabulate_nothing(blocks, pixels, model), tabulate_unknown(blocks, pixels, model)]
     tables += [tabulate(get_effect(name), blocks, pixels, model) for name in effects]
     best = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
-    evidence = {table.name: table.weigh(blocks, best, model) for table in tables}
-    both = _pairs(effects, blocks, pixels, model, evidence, tables) if pairs and len(effects) > 1 else []
-    if both:
-        best = [max(top, *(float(table.blocks[n].max()) for _, _, table in both)) for n, top in enumerate(best)]
-        evidence = {table.name: table.weigh(blocks, best, model) for table in tables}
-    found = [Pair(first, table.name, sizes, table.weigh(blocks, best, model)) for first, sizes, table in both]
+    alone = {table.name: table.weigh(blocks, best, model) for table in tables}
+    both = _pairs(effects, blocks, pixels, model, alone, tables[0]) if pairs and len(effects) > 1 else []
+    evidence = {name: _by_more_than_one(e, alone["none"]) for name, e in alone.items()}
+    found = []
+    for first, sizes, table in both:
+        own = table.weigh(blocks, best, model)
+        shared = evidence[first].log_evidence + _by_more_than_one(own, alone[first]).log_evidence
+        pair = Pair(first, table.name, sizes, replace(own, log_evidence=shared - alone[first].log_evidence))
+        if pair.evidence.log_evidence > evidence[first].log_evidence + SECOND_NATS:
+            found.append(pair)
     return _weigh(prior.shares(effects, pixels_seen=pixels.sensor_known), evidence, found, prior)
+
+
+def _by_more_than_one(found: Evidence, other: Evidence) -> Evidence:
+    """Without what one fabric alone would gain against another explanation.
+
+    Its folds may be found by chance with an effect on and missed without: what is common to all fabrics shows in two.
+    """
+    gains = sorted(found.by_fabric[fabric] - other.by_fabric[fabric] for fabric in found.by_fabric)
+    if len(gains) < 2:
+        return found
+    excess = max(0.0, gains[-1] - max(gains[-2], 0.0) - ALONE_NATS)
+    return replace(found, log_evidence=found.log_evidence - excess, best=found.best - excess)
 
 
 def _weigh(
@@ -158,7 +188,7 @@ def _pairs(
     pixels: PixelBlock,
     model: LikelihoodModel,
     evidence: Mapping[str, Evidence],
-    tables: Sequence[Table],
+    nothing: Table,
 ) -> list[tuple[str, dict[str, Mapping[str, float]], Table]]:
     """Each of the best effects with every other, the first at its best size given the second; no pair twice."""
     usable = [name for name in effects if not get_effect(name).random_repeats]
@@ -171,13 +201,13 @@ def _pairs(
             if second == first or frozenset({first, second}) in seen:
                 continue
             seen.add(frozenset({first, second}))
-            table = _given(second, first, size, blocks, pixels, model)
+            table = _given(second, first, size, blocks, pixels, model, nothing)
             best = [float(values.max()) for values in table.blocks]
             sizes = {first: size, second: table.weigh(blocks, best, model).size}
             if not get_effect(second).random_repeats:
-                back = _given(first, second, sizes[second], blocks, pixels, model)
+                back = _given(first, second, sizes[second], blocks, pixels, model, nothing)
                 sizes[first] = back.weigh(blocks, [float(v.max()) for v in back.blocks], model).size
-                table = _given(second, first, sizes[first], blocks, pixels, model)
+                table = _given(second, first, sizes[first], blocks, pixels, model, nothing)
                 sizes[second] = table.weigh(blocks, [float(v.max()) for v in table.blocks], model).size
             found.append((first, sizes, replace(table, prior=table.prior + occam)))
     return found
@@ -190,7 +220,11 @@ def _given(
     blocks: Sequence[Block],
     pixels: PixelBlock,
     model: LikelihoodModel,
+    nothing: Table,
 ) -> Table:
     """One effect where another of known size is there too."""
     left = [without(block, other, size) for block in blocks]
-    return tabulate(get_effect(name), left, pixels_without(pixels, other, size), model)
+    seen = [float(still.max()) for still in tabulate_nothing(left, pixels, model).blocks]
+    if get_effect(other).moves_cloth:  # its response may have left the folds that are seen, too
+        seen = [max(own, float(still.max())) for own, still in zip(seen, nothing.blocks, strict=True)]
+    return tabulate(get_effect(name), left, pixels_without(pixels, other, size), model, seen)

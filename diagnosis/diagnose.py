@@ -27,12 +27,14 @@ from diagnosis.refinement import look_again
 from diagnosis.regions import region_gaps
 from diagnosis.repeats import pin_scatter
 from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport, StageName
-from diagnosis.shrinkage import Held, Judge, measure_shrinkage
+from diagnosis.shrinkage import Held, Judge, is_refuted, measure_shrinkage
 from diagnosis.shrinkage_report import complete
 from diagnosis.simulator import Cost, Simulator
 from diagnosis.version import MODEL_VERSION
 from simcore.errors import InputError
 
+ROUGH = 0.05
+"""Probability that a response on the coarse mesh is of other folds than those the effect gives, in ``stretch``."""
 CLOSE = 2.0
 """An effect whose log evidence comes this near to the named one's is not told apart from it."""
 
@@ -202,6 +204,8 @@ class _Conclusion:
             return _pixels([r for r in results if r.task.id in fabrics], noise)
 
         measured = measure_shrinkage(cause, self.effects, blocks, pixels_of, self.model, Judge(looks))
+        if measured is not None and is_refuted(measured.shrinkage):
+            cause, measured = cause.refuted(), None
         cost = _cost(results, looks)
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),
@@ -222,9 +226,10 @@ class _Conclusion:
         return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, held, looks)
 
     def weigh(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
-        """Single effects alone."""
+        """Single effects alone, to choose what is simulated: their responses are not yet trusted in any scene."""
         blocks = make_blocks(results, noise)
-        return name_cause(self.effects, blocks, _pixels(results, noise), self.model, pairs=False)
+        model = replace(self.model, moved_stretch=ROUGH)
+        return name_cause(self.effects, blocks, _pixels(results, noise), model, pairs=False)
 
 
 def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:

@@ -72,6 +72,7 @@ class Effect:
         random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
         places: further components, set together: where or which way; tried one after the other, equally probable. The
             first one is the default.
+        white: it changes pixels one by one and not their mean over a cell.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
     """
 
@@ -85,8 +86,14 @@ class Effect:
     change: Apply = field(repr=False)
     vector: bool = False
     random_repeats: bool = False
+    white: bool = False
     vanishes_at_zero: bool = True
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
+
+    @property
+    def moves_cloth(self) -> bool:
+        """It changes how the cloth comes to rest, the same way in all repeats."""
+        return self.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT) and not self.random_repeats
 
     def apply(self, scene: SimulationScene, magnitude: float | Size) -> SimulationScene:
         """The scene with the effect on.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from diagnosis.likelihood import (
     view_log_likelihood,
 )
 from diagnosis.reference import CELLS, cell_centres
-from diagnosis.sizes import grid, interpolation, log_prior, node_values, vector_step
+from diagnosis.sizes import grid, interpolation, log_prior, node_values, node_weights, vector_step
 
 Array = NDArray[np.float64]
 UNKNOWN_FACTORS = np.geomspace(1.5, 30.0, 13)
@@ -34,8 +35,12 @@ MOST_OF_A_BLOCK = 4.0
 UNKNOWN_LENGTH = 0.15
 """Correlation length of such a change, in sample sizes."""
 UNKNOWN_FORMS = 40
+NUMBERS_SHARE = 0.1
+"""Of ``unknown``: some of the shared numbers are off; the catalogue has an effect for each of them alone."""
 LARGER_SHARE = 0.5
 """Of ``unknown``: errors larger than modelled all over; the rest are smooth changes."""
+FURTHER_DRAWS = 0.7
+"""Root mean square of what further random draws give that the simulated ones do not span, of the latter's."""
 SCATTER_FREEDOM = 4.0
 """Degrees of freedom of a smooth random shape."""
 
@@ -100,13 +105,38 @@ class Table:
         return Evidence(self.name, evidence, float(likelihood[top]), by_fabric, size, interval)
 
 
-def tabulate(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
-    """Log likelihoods of one effect, its size common to all fabrics."""
+def tabulate(
+    effect: Effect,
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    seen: Sequence[float] | None = None,
+) -> Table:
+    """Log likelihoods of one effect, its size common to all fabrics.
+
+    Args:
+        effect: see there.
+        blocks, pixels: what was measured.
+        model: of the likelihood.
+        seen: log likelihood of each block in the folds that were found without the effect; by default as it is.
+    """
     if effect.vector:
         return _tabulate_vector(effect, blocks, pixels, model)
     if effect.random_repeats:
         return _tabulate_scatter(effect, blocks, pixels, model)
-    return _tabulate_scalar(effect, blocks, pixels, model)
+    table = _tabulate_scalar(effect, blocks, pixels, model)
+    if not effect.moves_cloth:
+        return table
+    if seen is None:
+        seen = [float(still.max()) for still in tabulate_nothing(blocks, pixels, model).blocks]
+    own = zip(blocks, table.blocks, seen, strict=True)
+    return replace(table, blocks=tuple(_or_unmoved(b.scene, value, still, model) for b, value, still in own))
+
+
+def _or_unmoved(scene: str, value: Array, still: float, model: LikelihoodModel) -> Array:
+    """Of a block whose folds may be those seen without the effect although the continued simulation left them."""
+    moved = model.moved(scene)
+    return value if moved == 0.0 else np.asarray(np.logaddexp(np.log1p(-moved) + value, np.log(moved) + still))
 
 
 def tabulate_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
@@ -131,7 +161,8 @@ def tabulate_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: Likelih
     kinds = (len(UNKNOWN_FACTORS), len(UNKNOWN_SHAPES_M))
     seen = np.concatenate([np.full(sum(kinds), calm), np.full(sum(kinds) + 1, wild)])
     form = np.repeat([LARGER_SHARE, 1.0 - LARGER_SHARE], kinds) / np.repeat(kinds, kinds)
-    prior = np.log(np.concatenate([form / 3.0, form / 3.0, [1.0 / 3.0]]))
+    share = 0.5 * NUMBERS_SHARE
+    prior = np.log(np.concatenate([form * (1.0 - NUMBERS_SHARE), form * share, [share]]))
     return Table("unknown", tuple(values), seen, prior, ({},) * len(prior))
 
 
@@ -151,15 +182,7 @@ def unknown_shape(block: Block, model: LikelihoodModel) -> Array:
     larger errors all over do not grant.
     """
     view = block.stated
-    modes = whiten(view, smooth_modes()[block.cell])
-    directions, spread, _ = np.linalg.svd(modes, full_matrices=False)
-    along = view.measured @ directions
-    variance = 1.0 + np.outer(UNKNOWN_SHAPES_M**2, spread**2)
-    rest = float(view.measured @ view.measured) - float(along @ along)
-    square = (rest + (along**2 / variance).sum(axis=1)) * model.dimension_share
-    spent = 0.5 * np.log(variance).sum(axis=1) + view.log_det
-    density = model.log_density(square, len(view.measured) * model.dimension_share, block.scene)
-    return np.asarray(density - model.dimension_share * spent)
+    return _widened(view, whiten(view, smooth_modes()[block.cell]).T, UNKNOWN_SHAPES_M, block.scene, model)
 
 
 @cache
@@ -205,23 +228,25 @@ def _tabulate_scalar(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
 def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
     """An effect that is another in every repeat widens the blocks' covariance.
 
-    The responses simulated for some random draws give the spread; captures are taken as independent of one another.
+    The responses simulated for some random draws give the spread and its size; what other draws would give is a smooth
+    change of the same size, another one in every capture.
     """
     sizes = grid(effect)
     step = np.abs(sizes) / node_values(effect)[0]
+    in_stretch = any(block.scene == "stretch" for block in blocks)
     values = []
     for block in blocks:
+        if in_stretch and block.scene == "hanging":  # which folds fell there looks like scatter and is none
+            still = [_at_rest(view, block.scene, model) for view in block.views]
+            values.append(np.repeat(over_views(np.stack(still), model), len(sizes)))
+            continue
+        forms = _forms_of_each_capture(block)
         rows = []
         for view in block.views:
             draws = view.scatter[effect.name] / np.sqrt(len(effect.places))
-            _, spread, directions = np.linalg.svd(draws, full_matrices=False)
-            along = directions @ view.measured
-            dimension = len(view.measured) * model.dimension_share
-            rest = float(view.measured @ view.measured) - float(along @ along)
-            variance = 1.0 + np.outer(step**2, spread**2)
-            square = (rest + (along**2 / variance).sum(axis=1)) * model.dimension_share
-            row = model.log_density(square, dimension, block.scene) - model.dimension_share * view.log_det
-            rows.append(row - 0.5 * model.dimension_share * np.log(variance).sum(axis=1))
+            length = float(np.sqrt(np.sum((draws @ view.factor.T) ** 2) / len(block.owner)))
+            further = FURTHER_DRAWS * length * whiten(view, forms).T
+            rows.append(_widened(view, np.concatenate([draws, further]), step, block.scene, model))
         values.append(over_views(np.stack(rows), model))
     calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
     contradicted = sum(_scatter_contradicted(block) for block in blocks if block.scene == "stretch")
@@ -233,6 +258,24 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
         log_prior(effect, sizes),
         tuple({SCALAR: float(size)} | place for size in sizes),
     )
+
+
+def _widened(view: View, directions: Array, factors: Array, scene: str, model: LikelihoodModel) -> Array:
+    """Log likelihood of a block whose covariance grows by each factor's square along some directions, [factors]."""
+    _, spread, basis = np.linalg.svd(directions, full_matrices=False)
+    along = basis @ view.measured
+    variance = 1.0 + np.outer(factors**2, spread**2)
+    rest = float(view.measured @ view.measured) - float(along @ along)
+    square = (rest + (along**2 / variance).sum(axis=1)) * model.dimension_share
+    spent = 0.5 * np.log(variance).sum(axis=1) + view.log_det
+    density = model.log_density(square, len(view.measured) * model.dimension_share, scene)
+    return np.asarray(density - model.dimension_share * spent)
+
+
+def _forms_of_each_capture(block: Block) -> Array:
+    """Smooth changes of each capture alone, [n, captures * forms]."""
+    forms = smooth_modes()[block.cell]
+    return np.concatenate([forms * (block.owner == k)[:, None] for k in range(len(block.captures))], axis=1)
 
 
 def _scatter_contradicted(block: Block) -> float:
@@ -254,41 +297,62 @@ def _scatter_contradicted(block: Block) -> float:
 
 
 def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
-    """Linear response, Gaussian prior, Laplace's approximation; robust weights by repeated reweighting."""
-    step = vector_step(effect)
+    """Response linear in each direction, Gaussian prior, Laplace's approximation at the best of several fits.
+
+    The fit begins in every orthant, because a component's response forward is another one than backward.
+    """
     count = len(effect.components)
+    prior_sigma = 1.2 * vector_step(effect) / np.sqrt(count)
+    found: list[tuple[float, int, Array, Array, tuple[Array, ...], Array, float]] = []
+    for signs in product((1.0, -1.0), repeat=count):
+        size, hessian = _fit_vector(effect, blocks, pixels, model, np.array(signs) * 1e-9 * prior_sigma)
+        weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
+        values = []
+        for block in blocks:
+            rows = []
+            for view in block.views:
+                response = (weights @ view.responses[effect.name])[None]
+                rows.append(view_log_likelihood(view.measured - response, response, view.log_det, block.scene, model))
+            values.append(over_views(np.stack(rows), model))
+        seen = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
+        occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
+        occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
+        total = float(sum(value.sum() for value in values) + seen.sum() + occam)
+        found.append((total, len(found), size, hessian, tuple(values), seen, occam))
+    _, _, size, hessian, by_block, seen, occam = max(found)
+    sigma = np.sqrt(np.diag(np.linalg.inv(hessian)))
+    return Table(
+        effect.name,
+        by_block,
+        seen,
+        np.array([occam]),
+        ({n: float(s) for n, s in zip(effect.components, size, strict=True)},),
+        {n: float(d) for n, d in zip(effect.components, sigma, strict=True)},
+    )
+
+
+def _fit_vector(
+    effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, size: Array
+) -> tuple[Array, Array]:
+    """Size and the Hessian there, by least squares with robust weights, repeated from a first size."""
+    step, count = vector_step(effect), len(effect.components)
     prior_sigma = 1.2 * step / np.sqrt(count)
-    size, hessian = np.zeros(count), np.eye(count)
+    hessian = np.eye(count)
     for _ in range(12):
-        shared = pixels.responses[effect.name] / step
+        own = np.where(size >= 0, np.arange(count), np.arange(count, 2 * count))
+        way = (np.where(size >= 0, 1.0, -1.0) / step)[:, None]
+        shared = way * pixels.responses[effect.name][own]
         hessian = np.eye(count) / prior_sigma**2 + shared @ shared.T
         right = shared @ pixels.measured
         for block in blocks:
             view = block.stated
-            columns = view.responses[effect.name] / step
+            columns = way * view.responses[effect.name][own]
             residual = view.measured - size @ columns
             weight = model.dimension_share / max(float(residual @ residual) / len(residual), 0.3)
             hessian += weight * columns @ columns.T
             right += weight * columns @ view.measured
         size = np.linalg.solve(hessian, right)
-    values = []
-    for block in blocks:
-        rows = []
-        for view in block.views:
-            response = (size @ view.responses[effect.name] / step)[None]
-            rows.append(view_log_likelihood(view.measured - response, response, view.log_det, block.scene, model))
-        values.append(over_views(np.stack(rows), model))
-    occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
-    occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
-    sigma = np.sqrt(np.diag(np.linalg.inv(hessian)))
-    return Table(
-        effect.name,
-        tuple(values),
-        pixel_log_likelihood(pixels, (size @ pixels.responses[effect.name] / step)[None], model),
-        np.array([occam]),
-        ({n: float(s) for n, s in zip(effect.components, size, strict=True)},),
-        {n: float(d) for n, d in zip(effect.components, sigma, strict=True)},
-    )
+    return size, hessian
 
 
 def _interval(sizes: Array, mass: Array, top: float) -> tuple[float, float]:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from diagnosis.base_state import depth_rms, noise_square, picture_of
 from diagnosis.drape_cache import drape_key
-from diagnosis.effect import Effect, Stage
+from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
-from diagnosis.fabric_task import AS_NEAR_AS_BEFORE, AS_NEAR_M, CaptureResult, FabricResult, see_state
+from diagnosis.fabric_task import AS_NEAR_AS_BEFORE, AS_NEAR_M, BASE_JITTER, CaptureResult, FabricResult, see_state
 from diagnosis.features import measure
 from diagnosis.responses import Responses, clean
 from diagnosis.scene import SimulationScene
@@ -34,14 +34,17 @@ HOLDING = ("panel_friction",)
 again, and nothing is led with them on."""
 NEARER, NEAR_MARGIN_M = 0.95, 0.0001
 """A state is taken instead of the one that was found first where it is so much nearer to the capture."""
+WORSE_M = 0.0002
+"""An effect with which a capture is further away by more than this may be simulated in the wrong folds."""
+SLACK = 0.02
+"""Outcomes at several sizes are met but for this relative variance: sizes near each other may show other folds."""
 Sized = tuple[str, Mapping[str, float]]
 """Name of an effect and its size."""
 
 
 def is_mechanical(effect: Effect) -> bool:
     """It changes how the cloth comes to rest, the same way in all repeats, and does not hold it wherever it was put."""
-    mechanical = effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT)
-    return mechanical and not effect.random_repeats and effect.name not in HOLDING
+    return effect.moves_cloth and effect.name not in HOLDING
 
 
 @dataclass
@@ -53,12 +56,16 @@ class FreshLook:
         result: the fabric's captures with the states that they show.
         found: states with effects on and their distance from a capture [m], by what was simulated and by capture.
         begun: the first state that was found with some effects on, and its distance, by capture and names.
+        sizes: at which an effect's outcome is known, by its name.
+        coarse: responses as they were before any outcome bent them, by capture.
     """
 
     simulator: Simulator
     result: FabricResult
     found: dict[str, dict[str, tuple[KeyedDrape, float]]] = field(default_factory=dict)
     begun: dict[tuple[str, str], tuple[KeyedDrape, float]] = field(default_factory=dict)
+    sizes: dict[str, list[Mapping[str, float]]] = field(default_factory=dict)
+    coarse: dict[str, Responses] = field(default_factory=dict)
 
     def scene_of(self, capture: CaptureResult) -> SimulationScene:
         """The simulation that should give a capture, without effects."""
@@ -70,7 +77,8 @@ class FreshLook:
         """The equilibrium with effects on that is nearest to a capture, and perhaps with other parameters.
 
         What the capture's state turns into when the effects come on is often another fold state than the one in which
-        a sample comes to rest that was put up with them: where it does not fit, the capture's heights lead the way.
+        a sample comes to rest that was put up with them: where it does not fit, the capture's heights lead the way,
+        and where it fits worse than without the effects, a sample is put up with them.
         """
         scene = self.scene_of(capture)
         changed = with_effects(scene, effects)
@@ -100,9 +108,11 @@ class FreshLook:
         reached = min((d for drape, d in known.values() if drape.key == best.key), default=reached)
         enough = max(math.sqrt(noise_square(changed) + NEAR_ENOUGH_M**2), AS_NEAR_AS_BEFORE * reached + AS_NEAR_M)
         if near > enough and changed.mechanics.friction == 0.0:
-            led = self.simulator.led(capture.base, fabric, changed, depth)
-            if distance(led) < near:
-                best, near = led, distance(led)
+            others = [self.simulator.led(capture.base, fabric, changed, depth)]
+            if min(near, distance(others[0])) > capture.rms_m + WORSE_M:
+                others.append(self.simulator.put_up(best.drape.mesh, fabric, changed, 0, BASE_JITTER))
+            best = min([best, *others], key=distance)
+            near = distance(best)
         known[capture.id] = (best, near)
         if best.drape.ok:
             self.begun.setdefault((capture.id, names), (best, near))
@@ -140,15 +150,18 @@ def freshen(look: FreshLook, candidates: Sequence[Sized], scene: str) -> FabricR
 
     Args:
         look: of the fabric.
-        candidates: mechanical effects with their sizes.
-        scene: captures of this scene are looked at again.
+        candidates: effects on cloth or camera with their sizes.
+        scene: captures of this scene are looked at again; those of another one only where nothing must be solved.
     """
+    for name, size in candidates:
+        look.sizes.setdefault(name, []).append(size)
+    solved = [(name, size) for name, size in candidates if get_effect(name).moves_cloth]
     captures = []
     for capture in look.result.captures:
         if capture.scene == scene:
-            capture = _rebased(look, capture, candidates)
-            capture = replace(capture, responses=_bent(look, capture, candidates))
-        captures.append(capture)
+            capture = _rebased(look, capture, solved)
+        names = [n for n in look.sizes if capture.scene == scene or not get_effect(n).moves_cloth]
+        captures.append(replace(capture, responses=_bent(look, capture, names)))
     return replace(look.result, captures=tuple(captures))
 
 
@@ -169,6 +182,7 @@ def _rebased(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized
         return capture
     StateLibrary.of(look.simulator.cache, best.drape.mesh, task.parameters, scene).add(best)
     seen = see_state(look.simulator, task, scene, best)
+    look.coarse[capture.id] = seen.responses
     return replace(
         capture,
         base=best,
@@ -179,25 +193,28 @@ def _rebased(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized
     )
 
 
-def _bent(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized]) -> Responses:
-    effects = dict(capture.responses.effects)
-    for name, size in candidates:
-        drape = look.drape(capture, [(name, size)])
-        if drape.drape.ok:
+def _bent(look: FreshLook, capture: CaptureResult, names: Sequence[str]) -> Responses:
+    """Through the outcomes of some effects at all sizes that were simulated so far."""
+    coarse = look.coarse.setdefault(capture.id, capture.responses)
+    effects = dict(coarse.effects)
+    for name in names:
+        solved = [size for size in look.sizes[name] if look.drape(capture, [(name, size)]).drape.ok]
+        known = [(size, look.change(capture, [(name, size)])) for size in solved]
+        if known:
             rows, pixels = effects[name]
-            effects[name] = (bend(get_effect(name), rows, size, look.change(capture, [(name, size)])), pixels)
-    return replace(capture.responses, effects=effects)
+            effects[name] = (bend(get_effect(name), rows, known), pixels)
+    return replace(coarse, effects=effects)
 
 
-def bend(effect: Effect, rows: Array, size: Mapping[str, float], wanted: Array) -> Array:
-    """Responses at an effect's nodes, changed as little as possible so that they give ``wanted`` at a size.
+def bend(effect: Effect, rows: Array, known: Sequence[tuple[Mapping[str, float], Array]]) -> Array:
+    """Responses at an effect's nodes, changed as little as possible so that they give what is known at some sizes.
 
     Args:
         effect: whose.
         rows: at its nodes, [nodes, D].
-        size: where the outcome is known.
-        wanted: the outcome, [D].
+        known: sizes with the outcome there, [D]; one is met exactly, several but for :data:`SLACK`.
     """
-    weights = node_weights(effect, size)
-    missing = wanted - weights @ rows
-    return np.asarray(rows + np.outer(weights / float(weights @ weights), missing))
+    weights = np.stack([node_weights(effect, size) for size, _ in known])
+    missing = np.stack([wanted for _, wanted in known]) - weights @ rows
+    slack = SLACK * np.eye(len(known)) if len(known) > 1 else np.zeros((1, 1))
+    return np.asarray(rows + weights.T @ np.linalg.solve(weights @ weights.T + slack, missing))

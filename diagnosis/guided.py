@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from simcore.solver import Solver
 
 Array = NDArray[np.float64]
-SPRINGS_PER_M = (300.0, 10.0)
+SPRINGS_PER_M = (1000.0, 300.0, 100.0, 30.0, 10.0)
 """Stiffness of the springs that hold a vertex at its seen height, in vertex weights a metre; one solve each."""
 
 

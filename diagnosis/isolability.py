@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from capture.capture_set import CaptureSet
 from diagnosis.block import Block, PixelBlock, make_block, make_pixel_block
@@ -16,7 +17,7 @@ from diagnosis.effect import SCALAR, Effect
 from diagnosis.effects import get_effect
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
-from diagnosis.sizes import grid, interpolation, vector_step
+from diagnosis.sizes import grid, interpolation, node_weights
 from simcore.mesh import GridMesh
 
 Array = NDArray[np.float64]
@@ -69,7 +70,7 @@ class Signature:
 def weights_of(effect: Effect, size: Mapping[str, float]) -> Array:
     """Weights of the nodes (of the size's place) for one size, [1, nodes]."""
     if effect.vector:
-        return np.array([[size[name] for name in effect.components]]) / vector_step(effect)
+        return node_weights(effect, size)[None]
     return interpolation(effect, np.array([size[SCALAR]]))
 
 
@@ -84,9 +85,8 @@ def leftover(signature: Signature, target: Array, other: Effect) -> float:
     """Square that is left of a response when another effect explains it as well as it can."""
     best = float(target @ target)
     if other.vector:
-        columns = signature.rows(other, 0, np.eye(len(other.components)))
-        fitted = np.linalg.lstsq(columns.T, target, rcond=None)[0] @ columns
-        return min(best, float(np.sum((target - fitted) ** 2)))
+        columns = signature.rows(other, 0, np.eye(2 * len(other.components)))
+        return min(best, float(nnls(columns.T, target)[1] ** 2))
     for place in range(len(other.places)):
         rows = signature.rows(other, place, interpolation(other, grid(other)))
         best = min(best, float(np.min(np.sum((target - rows) ** 2, axis=1))))

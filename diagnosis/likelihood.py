@@ -33,6 +33,8 @@ class LikelihoodModel:
         template_share, form_share: relative error of a simulated response in its length, and in its form.
         patience_stretch, patience_hanging: log likelihood that a block may lose before it is heard less.
         wide_fabric: probability that a fabric's stated parameters are wrong.
+        moved_stretch, moved_hanging: probability that the cloth rests in the folds it is seen in with an effect on as
+            without, although the continued simulation left them: its state was sought without the effect.
     """
 
     spread_stretch: float = 0.35
@@ -45,6 +47,8 @@ class LikelihoodModel:
     patience_stretch: float = 2.5
     patience_hanging: float = 0.8
     wide_fabric: float = 0.05
+    moved_stretch: float = 0.0
+    moved_hanging: float = 0.3
 
     def log_density(self, square: Array, dimension: float, scene: str) -> Array:
         """Log density of ``dimension`` errors of one unknown scale at squared length ``square`` (up to 2 pi's)."""
@@ -57,6 +61,10 @@ class LikelihoodModel:
     def patience(self, scene: str) -> float:
         """Of a block of this scene."""
         return self.patience_hanging if scene == "hanging" else self.patience_stretch
+
+    def moved(self, scene: str) -> float:
+        """Of a block of this scene."""
+        return self.moved_hanging if scene == "hanging" else self.moved_stretch
 
 
 def log_student(square: Array | float, dimension: float, degrees: float) -> Array:
@@ -110,13 +118,13 @@ def combine(
 ) -> tuple[Array, dict[str, Array]]:
     """Blocks to everything, so that none outvotes the others.
 
-    What a block loses against the best of all explanations counts in full while it is small and like its logarithm
-    when it is large: a single block or fabric that is odd for a reason of its own decides nothing.
+    What a block loses against the best of all single explanations (or gains, by two) counts in full while it is small
+    and like its logarithm when it is large: one block or fabric that is odd for a reason of its own decides nothing.
 
     Args:
         blocks: all blocks.
         values: log likelihood of each block, [sizes].
-        best: of each block, over all explanations.
+        best: of each block, over all single explanations.
         model: see there.
 
     Returns:
@@ -125,7 +133,7 @@ def combine(
     fabrics: dict[str, Array] = {}
     for block, value, top in zip(blocks, values, best, strict=True):
         patience = model.patience(block.scene)
-        loss = patience * np.log1p((top - value) / patience)
+        loss = patience * np.sign(top - value) * np.log1p(np.abs(top - value) / patience)
         fabrics[block.fabric] = fabrics.get(block.fabric, np.zeros_like(loss)) - loss
     return np.asarray(sum(fabrics.values())), fabrics
 

@@ -34,6 +34,8 @@ class NoiseModel:
         mesh_local: the same cell by cell, smooth.
         hanging_factor: all of this is so much larger in ``hanging``.
         length, short_length: correlation lengths of these errors, half of their variance each, in sample sizes.
+        missed_m: a capture that is further from its fold state than another repeat, by more than this, shows folds that
+            were not found: it is wrong by as much more, smoothly over ``missed_length``.
         plane_m: offset and change across the panel's picture: what a stated pose and sensor are good for.
         wide_sigma: relative uncertainty of a fabric whose stated parameters are simply wrong.
         pixel_sigma: of each pixel statistic with a stated sensor.
@@ -57,6 +59,8 @@ class NoiseModel:
     hanging_factor: float = 3.0
     length: float = 0.15
     short_length: float = 0.04
+    missed_m: float = 0.0005
+    missed_length: float = 0.08
     plane_m: float = 0.0003
     wide_sigma: float = 0.6
     pixel_sigma: tuple[float, ...] = (0.02, 0.02, 0.1, 0.001, 0.03, 0.03, 0.03)
@@ -81,6 +85,8 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
         for b, second in enumerate(captures):
             block = _smooth(first, second, model, same=a == b)
             total[starts[a] : starts[a] + len(block), starts[b] : starts[b] + block.shape[1]] += block
+        missed = _missed(first, captures, model)
+        total[starts[a] : starts[a] + len(missed), starts[a] : starts[a] + len(missed)] += missed
         own = slice(starts[a], starts[a + 1])
         pins = first.responses.pins * model.pin_m
         total[own, own] += pins.T @ pins
@@ -114,6 +120,17 @@ def _smooth(first: CaptureResult, second: CaptureResult, model: NoiseModel, *, s
         _on_cells(first, _mesh_error(first, model)), _on_cells(second, _mesh_error(second, model))
     )
     return np.asarray(kernel * (scale**2 * (flat + slide + height) + mesh) + contact)
+
+
+def _missed(capture: CaptureResult, repeats: Sequence[CaptureResult], model: NoiseModel) -> Array:
+    """Of a capture whose folds no simulated state has although another repeat's were found."""
+    reference = capture.reference
+    further = capture.rms_m**2 - min(c.rms_m for c in repeats) ** 2
+    if further <= model.missed_m**2 or capture.scene == "hanging":
+        return np.zeros((reference.count, reference.count))
+    distance = np.linalg.norm(reference.centre[:, None] - reference.centre[None], axis=2)
+    cloth = reference.slope > 0
+    return np.asarray(further * np.exp(-0.5 * (distance / model.missed_length) ** 2) * np.outer(cloth, cloth))
 
 
 def _mesh_error(capture: CaptureResult, model: NoiseModel) -> Array:

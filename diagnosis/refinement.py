@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from diagnosis.cause import Cause
-from diagnosis.effect import SCALAR
+from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import FabricResult
 from diagnosis.fresh import FreshLook, Sized, freshen, is_mechanical
 
 ROUNDS = 2
 CANDIDATES, LATER_CANDIDATES = 3, 2
-NEAR_NATS = 8.0
+NEAR_NATS = 5.0
 """An effect whose log evidence is further behind is not looked at again."""
-CLEARLY_NOTHING = 0.97
-"""Probability of ``none`` above which nothing is."""
 MOVED = 0.1
 """A size that moves by a larger share is simulated again."""
 Weigh = Callable[[Sequence[FabricResult]], Cause]
@@ -37,7 +37,11 @@ def look_again(looks: Mapping[str, FreshLook], weigh: Weigh, scene: str) -> dict
     now = dict(looks)
     for _ in range(ROUNDS):
         cause = weigh([look.result for look in now.values()])
-        wanted = [c for c in candidates(cause) if not any(_alike(c[1], size) for size in seen.get(c[0], []))]
+        wanted = [
+            (name, size)
+            for name, size in candidates(cause)
+            if not any(_alike(size, other, get_effect(name)) for other in seen.get(name, []))
+        ]
         wanted = wanted if not seen else wanted[:LATER_CANDIDATES]
         if not wanted:
             break
@@ -48,18 +52,20 @@ def look_again(looks: Mapping[str, FreshLook], weigh: Weigh, scene: str) -> dict
 
 
 def candidates(cause: Cause) -> list[Sized]:
-    """Mechanical effects that may be the answer, at their best sizes."""
-    if cause.probabilities["none"] > CLEARLY_NOTHING:
-        return []
+    """Effects on cloth or camera that may be the answer, at their best sizes; few of those that must be solved."""
     best = max(e.log_evidence for e in cause.evidence.values())
-    near = [
-        e
-        for name, e in cause.evidence.items()
-        if e.size and is_mechanical(get_effect(name)) and e.log_evidence > best - NEAR_NATS
-    ]
-    return [(e.name, e.size) for e in sorted(near, key=lambda e: -e.log_evidence)[:CANDIDATES]]
+    near = sorted(
+        (e for e in cause.evidence.values() if e.size and e.log_evidence > best - NEAR_NATS),
+        key=lambda e: -e.log_evidence,
+    )
+    solved: list[Sized] = [(e.name, e.size) for e in near if is_mechanical(get_effect(e.name))]
+    rendered: list[Sized] = [(e.name, e.size) for e in near if get_effect(e.name).stage is Stage.CAMERA]
+    return solved[:CANDIDATES] + rendered
 
 
-def _alike(a: Mapping[str, float], b: Mapping[str, float]) -> bool:
-    places = all(a[key] == b[key] for key in a if key != SCALAR)
-    return places and abs(a[SCALAR] - b[SCALAR]) < MOVED * abs(b[SCALAR])
+def _alike(a: Mapping[str, float], b: Mapping[str, float], effect: Effect) -> bool:
+    if any(a[key] != b[key] for key in effect.places[0]):
+        return False
+    own = list(effect.components)
+    difference = np.array([a[key] - b[key] for key in own])
+    return float(np.linalg.norm(difference)) < MOVED * float(np.linalg.norm([b[key] for key in own]))

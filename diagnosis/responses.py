@@ -200,8 +200,9 @@ class _Look:
             changed = effect.apply(self.scene, size)
             if effect.stage is Stage.SENSOR:
                 features = _sensed(self.picture, changed, self.reference)
+                moved = clean(features.vector() - self.sensed.vector())
                 rows[number] = (
-                    clean(features.vector() - self.sensed.vector()),
+                    np.zeros_like(moved) if effect.white else moved,
                     clean(features.pixels - self.sensed.pixels),
                 )
             elif changed == self.scene:

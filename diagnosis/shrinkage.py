@@ -23,6 +23,8 @@ from diagnosis.subtract import response_to
 Array = NDArray[np.float64]
 PLAIN = 3.0
 """Standard deviations beyond which a shared number shows an effect."""
+WORSE, HELPFUL = -0.25, 0.5
+"""An effect that closes less than the one share of the gap, and surely less than the other, is none of it."""
 DRAWS = 400
 PixelsOf = Callable[[Set[str]], PixelBlock]
 
@@ -153,7 +155,7 @@ def measure_shrinkage(
     model: LikelihoodModel,
     judge: Judge = Judge({}),
 ) -> Measured | None:
-    """Two-fold over fabrics: each half is judged with the effect named and fitted on the other half.
+    """Fabric by fabric: each is judged with the effect named and fitted on the others.
 
     Only ``stretch`` counts where there is any, as for the gap: ``hanging`` shows which folds fell rather than what is
     missing. What camera and sensor change is no shape: it is judged by the numbers that a set shares (pixel statistics,
@@ -177,21 +179,26 @@ def measure_shrinkage(
     in_numbers = all(get_effect(name).stage in (Stage.CAMERA, Stage.SENSOR) for name in cause.named)
     in_numbers = in_numbers and len(numbers) > 0 and float(np.max(np.abs(numbers))) > PLAIN
     judged = [b for b in blocks if in_numbers or b.scene == "stretch"] or blocks
-    halves = (set(fabrics[::2]), set(fabrics[1::2]))
     rows: list[Array] = []
     shown: list[Held] = []
     wrong: list[str] = []
-    for held, other in (halves, halves[::-1]):
+    for held in fabrics:
+        other = set(fabrics) - {held}
         train = [b for b in blocks if b.fabric in other]
         found = name_cause(effects, train, pixels_of(other), model, pairs=len(cause.named) > 1)
         rival = most_flexible_wrong(found, cause)
         wrong.append(rival[0] if rival else "none")
         if in_numbers:
-            rows += [_pixel_row(pixels_of({fabric}), found, rival) for fabric in sorted(held)]
+            rows.append(_pixel_row(pixels_of({held}), found, rival))
         else:
-            shown += [hold_out(block, sized(found), rival, judge) for block in judged if block.fabric in held]
+            shown += [hold_out(block, sized(found), rival, judge) for block in judged if block.fabric == held]
     rows += [one.squares for one in shown]
     return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, bool(judge.looks)), tuple(shown))
+
+
+def is_refuted(shrinkage: Shrinkage) -> bool:
+    """Simulated afresh on fabrics that had no part in finding it, the effect plainly takes the simulation away."""
+    return shrinkage.simulated_afresh and shrinkage.fraction < WORSE and shrinkage.interval_90[1] < HELPFUL
 
 
 def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:

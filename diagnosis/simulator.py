@@ -93,11 +93,11 @@ class Simulator:
     ) -> KeyedDrape:
         """The equilibrium found from ``start`` when a capture's heights lead the way (see ``diagnosis.guided``)."""
         from diagnosis.base_state import ROUNDS, warp_to_picture
-        from diagnosis.guided import relax_towards
+        from diagnosis.guided import SPRINGS_PER_M, relax_towards
 
         mesh = start.drape.mesh
         plain = drape_key(mesh, fabric, scene.setup, scene.mechanics, start=start.key)
-        key = content_key(plain=plain, depth=depth, pose=scene.pose, camera=scene.camera)
+        key = content_key(plain=plain, depth=depth, pose=scene.pose, camera=scene.camera, springs=SPRINGS_PER_M)
         cached = self._cached(key, mesh)
         if cached is not None:
             return cached

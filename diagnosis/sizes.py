@@ -29,11 +29,16 @@ def node_values(effect: Effect) -> list[float]:
 def nodes(effect: Effect) -> list[dict[str, float]]:
     """Sizes to simulate, place by place.
 
-    A vector: each component alone, at the length that is typical; it is taken as linear.
+    A vector: each component alone, at the length that is typical, first all forward, then all backward (a picture that
+    is shifted shows other cells beside the cloth on either side); in each direction it is taken as linear.
     """
     if effect.vector:
         step = vector_step(effect)
-        return [{name: (step if name == chosen else 0.0) for name in effect.components} for chosen in effect.components]
+        return [
+            {name: (way * step if name == chosen else 0.0) for name in effect.components}
+            for way in (1.0, -1.0)
+            for chosen in effect.components
+        ]
     return [{SCALAR: value} | dict(place) for place in effect.places for value in node_values(effect)]
 
 
@@ -107,7 +112,8 @@ def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.floa
 def node_weights(effect: Effect, size: Mapping[str, float]) -> NDArray[np.float64]:
     """Weights of all nodes (of all places) that give the response at a size, [nodes]."""
     if effect.vector:
-        return np.array([size[c] for c in effect.components]) / vector_step(effect)
+        share = np.array([size[c] for c in effect.components]) / vector_step(effect)
+        return np.concatenate([np.maximum(share, 0.0), np.maximum(-share, 0.0)])
     own = interpolation(effect, np.array([size[SCALAR]]))[0]
     place = next(n for n, p in enumerate(effect.places) if all(size[key] == value for key, value in p.items()))
     weights = np.zeros(len(own) * len(effect.places))

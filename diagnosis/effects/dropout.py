@@ -20,4 +20,5 @@ EFFECT = Effect(
     hook="sensor.dropout",
     source="Confidence thresholds of depth cameras.",
     change=change,
+    white=True,
 )

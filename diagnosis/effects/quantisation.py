@@ -20,4 +20,5 @@ EFFECT = Effect(
     hook="sensor.quantisation_m",
     source="Disparity steps of stereo cameras.",
     change=change,
+    white=True,
 )

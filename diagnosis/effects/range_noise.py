@@ -21,4 +21,5 @@ EFFECT = Effect(
     hook="sensor.range_noise_m",
     source="Depth noise of triangulation, grows as z squared.",
     change=change,
+    white=True,
 )

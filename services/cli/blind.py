@@ -75,7 +75,8 @@ def score(
 ) -> None:
     """Diagnose all sealed sets without their labels, then open the labels and count.
 
-    Reports are kept beside the sets, so a stopped run goes on; simulations are kept in the cache folder.
+    Reports are kept beside the sets, so a stopped run goes on, and several may run at once, each with cases that no
+    other has; simulations are kept in the cache folder. What is reported is all that is done by then.
 
     \b
     Example:

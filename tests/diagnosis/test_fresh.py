@@ -26,7 +26,7 @@ def test_bent_responses_pass_through_what_was_simulated(name: str, size: dict[st
     effect = get_effect(name)
     rng = np.random.default_rng(1)
     rows, wanted = rng.standard_normal((len(nodes(effect)), 5)), rng.standard_normal(5)
-    bent = bend(effect, rows, size, wanted)
+    bent = bend(effect, rows, [(size, wanted)])
     np.testing.assert_allclose(node_weights(effect, size) @ bent, wanted, atol=1e-9)
     untouched = node_weights(effect, size) == 0
     np.testing.assert_array_equal(bent[untouched], rows[untouched])
