@@ -12,6 +12,7 @@ import pytest
 from diagnosis.blind_make import (
     LABELS_FOLDER,
     MANIFEST_FILE,
+    SHARED_BY,
     SHUFFLED,
     BlindPlan,
     draw_kinds,
@@ -21,6 +22,7 @@ from diagnosis.blind_make import (
 )
 from diagnosis.blind_page import render_page
 from diagnosis.blind_score import Answer, open_label, read_manifest, same, score
+from diagnosis.claims import Claims
 from diagnosis.drape_cache import DrapeCache
 from simcore.errors import InputError
 
@@ -129,3 +131,11 @@ def test_folders_without_a_check_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         read_manifest(tmp_path)
     assert caught.value.code == "blind_format"
+
+
+def test_a_group_of_cases_belongs_to_one_of_several_processes(tmp_path: Path) -> None:
+    with Claims(tmp_path) as first, Claims(tmp_path) as second:
+        assert first.take(0) and first.take(SHARED_BY - 1)
+        assert not second.take(1) and second.take(SHARED_BY)
+    with Claims(tmp_path) as third:
+        assert third.take(0)

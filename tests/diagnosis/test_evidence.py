@@ -1,0 +1,99 @@
+"""What speaks for an effect, on measurements made up for it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.block import Block, PixelBlock, View
+from diagnosis.cause import name_cause
+from diagnosis.effect import SCALAR
+from diagnosis.effects import catalogue, get_effect
+from diagnosis.evidence import tabulate
+from diagnosis.likelihood import LikelihoodModel
+from diagnosis.noise import NoiseModel, feature_covariance
+from diagnosis.sizes import node_weights, nodes
+
+COUNT = 60
+FABRICS = 4
+
+
+def block(fabric: int, scene: str, measured: np.ndarray, responses: dict[str, np.ndarray]) -> Block:
+    view = View(measured, responses, {}, 0.001 * np.eye(COUNT), 0.0)
+    owner, cell = np.repeat([0, 1], COUNT // 2), np.tile(np.arange(COUNT // 2), 2)
+    return Block(f"f{fabric}", scene, ("a", "b"), view, view, cell, owner, np.zeros((7, COUNT)))
+
+
+def a_set(name: str, size: dict[str, float], shown: range, scene: str = "stretch") -> tuple[list[Block], PixelBlock]:
+    """Four fabrics, of which some show an effect; responses of random form, errors of size one."""
+    rng = np.random.default_rng(11)
+    blocks = []
+    for fabric in range(FABRICS):
+        responses = {n: 6.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in ("air_draft", "crease")}
+        if name not in responses:
+            responses[name] = 6.0 * rng.standard_normal((len(nodes(get_effect(name))), COUNT))
+        effect = node_weights(get_effect(name), size) @ responses[name] if fabric in shown else np.zeros(COUNT)
+        blocks.append(block(fabric, scene, effect + rng.standard_normal(COUNT), responses))
+    still = {n: np.zeros((len(rows), 1)) for n, rows in blocks[0].stated.responses.items()}
+    return blocks, PixelBlock(np.zeros(1), still, sensor_known=False)
+
+
+def test_an_effect_that_all_fabrics_show_is_named_with_its_size() -> None:
+    blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(FABRICS))
+    cause = name_cause(("air_draft", "crease"), blocks, pixels)
+    assert cause.named == ("air_draft",)
+    assert cause.size("air_draft")[SCALAR] == pytest.approx(0.3, rel=0.1)
+
+
+@pytest.mark.parametrize("shown", [range(0), range(1)])
+def test_what_one_fabric_alone_shows_names_nothing(shown: range) -> None:
+    blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, shown)
+    assert name_cause(("air_draft", "crease"), blocks, pixels).top == "none"
+
+
+def test_a_vector_answers_backward_otherwise_than_forward() -> None:
+    effect, size = get_effect("camera_translation"), {"tx": -0.009, "ty": 0.004, "tz": 0.002}
+    assert len(nodes(effect)) == 6
+    blocks, pixels = a_set("camera_translation", size, range(FABRICS))
+    found = tabulate(effect, blocks, pixels, LikelihoodModel()).sizes[0]
+    np.testing.assert_allclose([found[c] for c in size], list(size.values()), atol=0.001)
+
+
+def test_in_hanging_a_response_that_is_contradicted_costs_no_more_than_folds_that_moved() -> None:
+    blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(0), "hanging")
+    model = LikelihoodModel()
+    nothing = name_cause(("air_draft",), blocks, pixels, model, pairs=False).evidence["none"]
+    for value, still in zip(
+        tabulate(get_effect("air_draft"), blocks, pixels, model).blocks, nothing.by_fabric.values(), strict=True
+    ):
+        assert still <= 0.0 and value.min() > value.max() + np.log(model.moved_hanging) - 1.0
+
+
+def test_effects_that_change_pixels_one_by_one_are_of_the_sensor() -> None:
+    white = {name for name, effect in catalogue().items() if effect.white}
+    assert white == {"range_noise", "dropout", "quantisation"}
+    assert not any(get_effect(name).moves_cloth for name in white)
+
+
+def test_a_capture_whose_folds_were_not_found_is_trusted_less_than_its_repeat() -> None:
+    count = 9
+    reference = SimpleNamespace(
+        count=count, centre=np.random.default_rng(0).random((count, 2)), slope=np.ones(count), height=np.zeros(count)
+    )
+    rows = np.zeros((8, count + 3))
+    responses = SimpleNamespace(
+        pins=rows, mesh=np.zeros(count + 3), grip=np.zeros(count + 3), parameters=np.zeros((7, count + 3))
+    )
+
+    def capture(rms_m: float) -> Any:
+        measured = SimpleNamespace(pixels=np.full(7, -7.0), weight=np.full(count, 50.0))
+        return SimpleNamespace(
+            reference=reference, responses=responses, measured=measured, rms_m=rms_m, scene="stretch"
+        )
+
+    variance = np.diag(feature_covariance([capture(0.001), capture(0.003)], [0.07] * 7, NoiseModel()))
+    found, missed = variance[:count], variance[count + 3 : 2 * count + 3]
+    np.testing.assert_allclose(missed - found, 0.003**2 - 0.001**2)
