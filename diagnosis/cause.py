@@ -16,6 +16,8 @@ from diagnosis.likelihood import LikelihoodModel
 from diagnosis.subtract import pixels_without, without
 
 NOT_EFFECTS = ("none", "unknown")
+HOLDING = frozenset({"panel_friction"})
+"""With friction the cloth rests wherever a capture leads it, and any capture fits: it is no half of a pair."""
 ALONE_NATS = 2.0
 """An explanation may gain so much more by one fabric than by any other."""
 SECOND_NATS = 2.0
@@ -198,7 +200,7 @@ def _pairs(
         size: Mapping[str, float] = evidence[first].size
         occam = evidence[first].log_evidence - evidence[first].best
         for second in effects:
-            if second == first or frozenset({first, second}) in seen:
+            if second == first or frozenset({first, second}) in seen or HOLDING.intersection((first, second)):
                 continue
             seen.add(frozenset({first, second}))
             table = _given(second, first, size, blocks, pixels, model, nothing)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.base_state import depth_rms, noise_square, picture_of
+from diagnosis.cause import HOLDING
 from diagnosis.drape_cache import drape_key
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
@@ -29,9 +30,6 @@ from simcore.parameters import FabricParameters
 Array = NDArray[np.float64]
 NEAR_ENOUGH_M = 0.0006
 """A state whose difference from the capture is noise but for this needs no further search."""
-HOLDING = ("panel_friction",)
-"""With friction the cloth rests wherever a capture leads it: any capture would fit. Such effects are not looked at
-again, and nothing is led with them on."""
 NEARER, NEAR_MARGIN_M = 0.95, 0.0001
 """A state is taken instead of the one that was found first where it is so much nearer to the capture."""
 WORSE_M = 0.0002
@@ -43,7 +41,10 @@ Sized = tuple[str, Mapping[str, float]]
 
 
 def is_mechanical(effect: Effect) -> bool:
-    """It changes how the cloth comes to rest, the same way in all repeats, and does not hold it wherever it was put."""
+    """It changes how the cloth comes to rest, the same way in all repeats, and does not hold it wherever it was put.
+
+    Effects that hold it are not looked at again, and nothing is led with them on.
+    """
     return effect.moves_cloth and effect.name not in HOLDING
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from diagnosis.block import Block, PixelBlock
 from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
@@ -231,7 +233,7 @@ def _summarise(rows: Array, judged: Sequence[Block], wrong: list[str], in_number
         after=float(values[1]),
         noise_floor=float(values[2]),
         fraction=fraction_of(everything),
-        interval_90=(float(np.quantile(draws, 0.05)), float(np.quantile(draws, 0.95))),
+        interval_90=_for_few(fraction_of(everything), np.quantile(draws, [0.05, 0.95]), len(rows)),
         unit="standard deviations" if in_numbers else "mm",
         simulated_afresh=fresh and not in_numbers,
         control=Control(
@@ -241,6 +243,15 @@ def _summarise(rows: Array, judged: Sequence[Block], wrong: list[str], in_number
         ),
         regions=tuple(regions),
     )
+
+
+def _for_few(value: float, interval: Array, count: int) -> tuple[float, float]:
+    """A bootstrap's interval widened as Student's t is against a normal distribution: it rests on few blocks."""
+    if count < 2:
+        return -1.0, 1.0
+    factor = student.ppf(0.95, count - 1) / norm.ppf(0.95) * np.sqrt(count / (count - 1))
+    low, high = (float(np.clip(value + factor * (edge - value), -1.0, 1.0)) for edge in interval)
+    return min(low, value), max(high, value)
 
 
 def hold_out(block: Block, effects: Sequence[Sized], rival: Sized | None, judge: Judge) -> Held:
