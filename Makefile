@@ -24,8 +24,9 @@ $(READY): requirements.txt requirements-dev.txt pyproject.toml scripts/setup.sh 
 demo: $(READY) ## the whole chain, small, into demo-out/ (OUT=folder)
 	@$(BIN)/drapemeter demo --out $(OUT)
 
-test: $(READY) ## the test suite (ARGS="tests/simcore -k bending" for a part)
-	@$(BIN)/python -m pytest $(ARGS) && echo "make test: all tests passed" || { echo "make test: FAILED, see above" >&2; exit 1; }
+test: $(READY) ## the test suite, in two halves side by side (ARGS="tests/simcore -k bending" for a part)
+	@$(if $(ARGS),$(BIN)/python -m pytest $(ARGS),scripts/test.sh $(BIN)/python) \
+	    && echo "make test: all tests passed" || { echo "make test: FAILED, see above" >&2; exit 1; }
 
 lint: $(READY) ## ruff, ruff format, mypy strict, import order
 	@$(BIN)/ruff check .
