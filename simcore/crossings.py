@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
-_CHUNK = 400_000
+_CHUNK = 40_000
+"""Pairs that are looked at together: their corners and products take some hundred bytes each."""
 
 
 def edges_of(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -29,13 +30,12 @@ def count_crossings(vertices: Array, triangles: NDArray[np.int32]) -> int:
     reach = float(np.linalg.norm(corners - centres[:, None], axis=2).max())
     reach += 0.5 * float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).max())
     near = cKDTree(middles).sparse_distance_matrix(cKDTree(centres), reach, output_type="ndarray")
-    edge, triangle = near["i"], near["j"]
-    apart = (edges[edge][:, :, None] != triangles[triangle][:, None, :]).all(axis=(1, 2))
-    edge, triangle = edge[apart], triangle[apart]
-    return sum(
-        int(pierces(vertices[edges[edge[k : k + _CHUNK]]], corners[triangle[k : k + _CHUNK]]).sum())
-        for k in range(0, len(edge), _CHUNK)
-    )
+    count = 0
+    for k in range(0, len(near), _CHUNK):
+        edge, triangle = near["i"][k : k + _CHUNK], near["j"][k : k + _CHUNK]
+        apart = (edges[edge][:, :, None] != triangles[triangle][:, None, :]).all(axis=(1, 2))
+        count += int(pierces(vertices[edges[edge[apart]]], corners[triangle[apart]]).sum())
+    return count
 
 
 def pierces(segments: Array, corners: Array) -> NDArray[np.bool_]:

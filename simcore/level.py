@@ -117,7 +117,9 @@ class Level:
         touching = None if self.own_contact is None else self.own_contact.hessian(x)
         if touching is not None:
             return self._factor_touching(values, touching)
-        self._factored = self.rough if rough else self.exact
+        self._factored, other = (self.rough, self.exact) if rough else (self.exact, self.rough)
+        if other is not self._factored:
+            other.forget()  # on 5 mm cells each holds a hundred megabytes
         return self._factored.factor(values)
 
     def _factor_touching(self, values: Array, touching: Any) -> int:
@@ -129,6 +131,12 @@ class Level:
         whole.sort_indices()
         self._factored = Factorisation(whole.indptr.astype(np.int32), whole.indices.astype(np.int32))
         return self._factored.factor(whole.data)
+
+    def forget(self) -> None:
+        """Give back the memory of factors; positions can be led on elsewhere meanwhile."""
+        self.exact.forget()
+        self.rough.forget()
+        self._factored = self.exact
 
     def solve(self, right: Array) -> Array:
         """Solve with the last factorisation; shapes [rows, columns, 3], zero where held."""

@@ -74,6 +74,7 @@ class Factorisation:
         self._permutation = np.zeros(self.n, dtype=np.int32)
         self._unused = np.zeros(1)
         self._call(11)
+        self._held = False
         # gives PARDISO's memory back with the object; at the end of the process the system does
         weakref.finalize(self, _release, self._handle, self._settings, self.n).atexit = False
 
@@ -104,10 +105,17 @@ class Factorisation:
             The number of negative eigenvalues; ``n`` when the factorisation broke down.
         """
         self._values = values.astype(self._real, copy=False)
+        self._held = True
         if self._call(22) != 0:
             return self.n
         perturbed = int(self._settings[13])
         return int(self._settings[22]) + perturbed
+
+    def forget(self) -> None:
+        """Give back the memory of the last factors; the analysis of the pattern stays."""
+        if self._held:
+            self._call(0)
+            self._held = False
 
     def solve(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
         """Solve with the last factorisation for one or several right sides; float64, shape [n] or [sides, n]."""

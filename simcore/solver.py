@@ -168,6 +168,8 @@ class Solver:
             rest = Newton(level, options, problem.deadline).minimise(x)
             x = rest.x
             iterations += rest.iterations
+            if not last:
+                level.forget()
         assert rest is not None
         return rest, iterations
 
