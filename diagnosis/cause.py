@@ -16,8 +16,6 @@ from diagnosis.likelihood import LikelihoodModel
 from diagnosis.subtract import pixels_without, without
 
 NOT_EFFECTS = ("none", "unknown")
-HOLDING = frozenset({"panel_friction"})
-"""With friction the cloth rests wherever a capture leads it, and any capture fits: it is no half of a pair."""
 ALONE_NATS = 2.0
 """An explanation may gain so much more by one fabric than by any other."""
 SECOND_NATS = 2.0
@@ -139,7 +137,8 @@ def name_cause(
         pairs: try two effects together; where the second explains nothing more, there is one.
     """
     tables = [tabulate_nothing(blocks, pixels, model), tabulate_unknown(blocks, pixels, model)]
-    tables += [tabulate(get_effect(name), blocks, pixels, model) for name in effects]
+    still = [float(value.max()) for value in tables[0].blocks]
+    tables += [tabulate(get_effect(name), blocks, pixels, model, still) for name in effects]
     best = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
     alone = {table.name: table.weigh(blocks, best, model) for table in tables}
     both = _pairs(effects, blocks, pixels, model, alone, tables[0]) if pairs and len(effects) > 1 else []
@@ -193,6 +192,7 @@ def _pairs(
     nothing: Table,
 ) -> list[tuple[str, dict[str, Mapping[str, float]], Table]]:
     """Each of the best effects with every other, the first at its best size given the second; no pair twice."""
+    effects = [name for name in effects if not get_effect(name).holds]
     usable = [name for name in effects if not get_effect(name).random_repeats]
     first_names = sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]
     found, seen = [], set()
@@ -200,7 +200,7 @@ def _pairs(
         size: Mapping[str, float] = evidence[first].size
         occam = evidence[first].log_evidence - evidence[first].best
         for second in effects:
-            if second == first or frozenset({first, second}) in seen or HOLDING.intersection((first, second)):
+            if second == first or frozenset({first, second}) in seen:
                 continue
             seen.add(frozenset({first, second}))
             table = _given(second, first, size, blocks, pixels, model, nothing)

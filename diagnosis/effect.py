@@ -72,6 +72,7 @@ class Effect:
         random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
         places: further components, set together: where or which way; tried one after the other, equally probable. The
             first one is the default.
+        holds: the cloth rests wherever it was put and any capture fits; not looked at again, and no half of a pair.
         white: it changes pixels one by one and not their mean over a cell.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
     """
@@ -86,6 +87,7 @@ class Effect:
     change: Apply = field(repr=False)
     vector: bool = False
     random_repeats: bool = False
+    holds: bool = False
     white: bool = False
     vanishes_at_zero: bool = True
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)

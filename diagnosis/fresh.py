@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.base_state import depth_rms, noise_square, picture_of
-from diagnosis.cause import HOLDING
 from diagnosis.drape_cache import drape_key
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
@@ -45,7 +44,7 @@ def is_mechanical(effect: Effect) -> bool:
 
     Effects that hold it are not looked at again, and nothing is led with them on.
     """
-    return effect.moves_cloth and effect.name not in HOLDING
+    return effect.moves_cloth and not effect.holds
 
 
 @dataclass

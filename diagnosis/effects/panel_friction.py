@@ -20,4 +20,5 @@ EFFECT = Effect(
     hook="mechanics.friction",
     source="Textile on painted metal, 0.2 to 0.5.",
     change=change,
+    holds=True,
 )

@@ -97,3 +97,12 @@ def test_a_capture_whose_folds_were_not_found_is_trusted_less_than_its_repeat() 
     variance = np.diag(feature_covariance([capture(0.001), capture(0.003)], [0.07] * 7, NoiseModel()))
     found, missed = variance[:count], variance[count + 3 : 2 * count + 3]
     np.testing.assert_allclose(missed - found, 0.003**2 - 0.001**2)
+
+
+def test_a_refuted_effect_leaves_its_probability_to_none_and_unknown() -> None:
+    blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(FABRICS))
+    cause = name_cause(("air_draft", "crease"), blocks, pixels)
+    left = cause.refuted()
+    assert left.probabilities["air_draft"] == pytest.approx(0.1 * cause.probabilities["air_draft"])
+    assert sum(left.probabilities.values()) == pytest.approx(1.0)
+    assert left.named == () and left.top in ("none", "unknown")

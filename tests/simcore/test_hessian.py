@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from simcore.grid import Grid
+from simcore.pardiso import Factorisation
 
 from .reference import complex_step_gradient
 from .rigs import Array, Level, crumpled
@@ -120,3 +121,17 @@ def test_soft_modes_are_the_eigenvectors_nearest_zero() -> None:
     closest = np.sort(found[np.argsort(np.abs(found))[:3]])
     assert closest == pytest.approx(nearest, rel=1e-3)
     assert np.linalg.norm(vectors, axis=1) == pytest.approx(np.ones(8))
+
+
+@pytest.mark.parametrize("single", [False, True])
+def test_factors_that_were_given_back_are_made_again_with_the_same_bits(single: bool) -> None:
+    indptr, indices = np.array([0, 2, 4, 5], dtype=np.int32), np.array([0, 1, 1, 2, 2], dtype=np.int32)
+    values, right = np.array([4.0, 1.0, 3.0, -1.0, 2.0]), np.array([1.0, 2.0, 3.0])
+    kept = Factorisation(indptr, indices, single)
+    assert kept.factor(values) == 0
+    first = kept.solve(right)
+    kept.forget()
+    kept.forget()
+    assert kept.factor(values) == 0
+    np.testing.assert_array_equal(kept.solve(right), first)
+    np.testing.assert_allclose([[4, 1, 0], [1, 3, -1], [0, -1, 2]] @ first, right, rtol=1e-5)
