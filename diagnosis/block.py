@@ -47,6 +47,7 @@ class Block:
         cell: number of the cell (cloth, then ring) of each measurement, [n].
         owner: which of ``captures`` it belongs to, [n].
         jacobian: change for one stated standard deviation of each parameter [m], [7, n].
+        pins: change for each pin moved along x and y [m/m], [2 pins, n].
     """
 
     fabric: str
@@ -57,6 +58,7 @@ class Block:
     cell: NDArray[np.intp]
     owner: NDArray[np.intp]
     jacobian: Array
+    pins: Array
 
     @property
     def views(self) -> tuple[View, View]:
@@ -96,6 +98,7 @@ def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model:
         np.concatenate([np.arange(size) for size in sizes])[seen],
         owner,
         stacked_jacobian(captures, sigma)[:, seen],
+        np.concatenate([c.responses.pins for c in captures], axis=1)[:, seen],
     )
 
 

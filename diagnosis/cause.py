@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.block import Block, PixelBlock
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing, tabulate_unknown
-from diagnosis.likelihood import LikelihoodModel
+from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown
+from diagnosis.remainder import Mixture
 from diagnosis.subtract import pixels_without, without
 
 NOT_EFFECTS = ("none", "unknown")
@@ -23,7 +25,13 @@ SECOND_NATS = 2.0
 REFUTED = 0.1
 """Share of its probability that an effect keeps which brings the simulation no nearer to captures held out from it."""
 FIRST_EFFECTS = 3
-"""So many of the best single effects are tried together with every other one."""
+"""So many of the best single effects are tried together with every other one, or with something unknown."""
+REMAINDER_SHARE = 0.5
+"""Of ``unknown``: something that shows in what is common to all fabrics, alone or beside an effect."""
+COUNTED = 0.5
+"""Of a mixture's gain: where one effect explains the captures, a mixture does so too."""
+TOLERATED = 0.5
+"""Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +142,8 @@ def name_cause(
         effects: names to try.
         blocks, pixels: what was measured.
         model, prior: of likelihood and explanations.
-        pairs: try two effects together; where the second explains nothing more, there is one.
+        pairs: try two effects together (where the second explains nothing more, there is one), and look for what is
+            common to all fabrics beside the best effects.
     """
     tables = [tabulate_nothing(blocks, pixels, model), tabulate_unknown(blocks, pixels, model)]
     still = [float(value.max()) for value in tables[0].blocks]
@@ -150,7 +159,46 @@ def name_cause(
         pair = Pair(first, table.name, sizes, replace(own, log_evidence=shared - alone[first].log_evidence))
         if pair.evidence.log_evidence > evidence[first].log_evidence + SECOND_NATS:
             found.append(pair)
-    return _weigh(prior.shares(effects, pixels_seen=pixels.sensor_known), evidence, found, prior)
+    shares = prior.shares(effects, pixels_seen=pixels.sensor_known)
+    if pairs and len({block.fabric for block in blocks}) > 1:
+        besides = _besides(effects, blocks, pixels, model, evidence, shares)
+        known = evidence["unknown"].log_evidence + np.log1p(-REMAINDER_SHARE)
+        total = float(np.logaddexp(known, besides + np.log(REMAINDER_SHARE)))
+        evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
+    return _weigh(shares, evidence, found, prior)
+
+
+def _besides(
+    effects: Sequence[str],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    evidence: Mapping[str, Evidence],
+    shares: Mapping[str, float],
+) -> float:
+    """Log evidence of something outside the catalogue, alone (half of the cases) or beside one of the best effects.
+
+    It shows in a mixture of changes that is the same for all fabrics, in shared numbers that are off, or in both.
+    """
+    mixture = Mixture.of(effects, blocks, model)
+    calm = np.zeros((1, len(pixels.measured)))
+
+    def gains(left: Sequence[Block], seen: PixelBlock) -> NDArray[np.float64]:
+        shared = pixel_unknown(seen, model) - float(pixel_log_likelihood(seen, calm, model)[0])
+        return np.array([mixture.gain([block.stated.measured for block in left]), shared])
+
+    def either(log_evidence: float, gain: NDArray[np.float64]) -> float:
+        return log_evidence + float(logsumexp([*gain, gain.sum()], b=[0.5, 0.25, 0.25]))
+
+    alone = gains(blocks, pixels)
+    found = [either(evidence["none"].log_evidence, COUNTED * alone) + np.log(0.5)]
+    rest = sum(share for name, share in shares.items() if name not in NOT_EFFECTS)
+    for name in sorted(effects, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
+        size = evidence[name].size
+        left = gains([without(block, name, size) for block in blocks], pixels_without(pixels, name, size))
+        more = left - TOLERATED * np.maximum(alone, 0.0)
+        found.append(either(evidence[name].log_evidence, more) + np.log(0.5 * shares[name] / rest))
+    return float(logsumexp(found))
 
 
 def _by_more_than_one(found: Evidence, other: Evidence) -> Evidence:

@@ -16,7 +16,7 @@ from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR, Stage
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.fabric_task import FabricResult, FabricTask, explain_fabric
-from diagnosis.fresh import FreshLook
+from diagnosis.fresh import FreshLook, Sized
 from diagnosis.groups import group_of
 from diagnosis.isolability import not_separable
 from diagnosis.likelihood import LikelihoodModel
@@ -30,6 +30,7 @@ from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport, St
 from diagnosis.shrinkage import Held, Judge, is_refuted, measure_shrinkage
 from diagnosis.shrinkage_report import complete
 from diagnosis.simulator import Cost, Simulator
+from diagnosis.subtract import pixels_without, without
 from diagnosis.version import MODEL_VERSION
 from simcore.errors import InputError
 
@@ -225,11 +226,13 @@ class _Conclusion:
         held = () if measured is None else measured.held
         return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, held, looks)
 
-    def weigh(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
+    def weigh(self, results: Sequence[FabricResult], beside: Sized | None, noise: NoiseModel) -> Cause:
         """Single effects alone, to choose what is simulated: their responses are not yet trusted in any scene."""
-        blocks = make_blocks(results, noise)
-        model = replace(self.model, moved_stretch=ROUGH)
-        return name_cause(self.effects, blocks, _pixels(results, noise), model, pairs=False)
+        blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
+        if beside is not None:
+            blocks = [without(block, *beside) for block in blocks]
+            pixels = pixels_without(pixels, *beside)
+        return name_cause(self.effects, blocks, pixels, replace(self.model, moved_stretch=ROUGH), pairs=False)
 
 
 def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:

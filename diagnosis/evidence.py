@@ -41,6 +41,9 @@ LARGER_SHARE = 0.5
 """Of ``unknown``: errors larger than modelled all over; the rest are smooth changes."""
 FURTHER_DRAWS = 0.7
 """Root mean square of what further random draws give that the simulated ones do not span, of the latter's."""
+SIZE_SHARES = {"cloth": 0.2, "camera": 0.15, "scatter": 0.4, "sensor": 0.0}
+"""Relative error of a fitted size that all captures share: wrong in form, a simulated response is fitted too short or
+too long everywhere; what moved magnets explain of scatter is missing from it."""
 SCATTER_FREEDOM = 4.0
 """Degrees of freedom of a smooth random shape."""
 
@@ -77,6 +80,7 @@ class Table:
         prior: log weights that sum to one (or, for a vector, its Laplace factor), [s].
         sizes: by component, one entry an ``s``.
         sigma: of a vector's components.
+        share: relative error of the size that all captures share.
     """
 
     name: str
@@ -85,6 +89,7 @@ class Table:
     prior: Array
     sizes: tuple[dict[str, float], ...]
     sigma: dict[str, float] = field(default_factory=dict)
+    share: float = 0.0
 
     def weigh(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> Evidence:
         """Combine blocks, marginalise the size."""
@@ -95,10 +100,12 @@ class Table:
         top = int(np.argmax(posterior))
         size = self.sizes[top]
         if self.sigma:
-            interval = {n: (size[n] - 1.645 * d, size[n] + 1.645 * d) for n, d in self.sigma.items()}
+            shared = self.share * float(np.linalg.norm([size[n] for n in self.sigma]))
+            half = {n: 1.645 * float(np.hypot(d, shared)) for n, d in self.sigma.items()}
+            interval = {n: (size[n] - h, size[n] + h) for n, h in half.items()}
         elif SCALAR in size:
             values = np.array([s[SCALAR] for s in self.sizes])
-            interval = {SCALAR: _interval(values, np.exp(posterior - evidence), size[SCALAR])}
+            interval = {SCALAR: _interval(values, np.exp(posterior - evidence), size[SCALAR], self.share)}
         else:
             interval = {}
         by_fabric = {key: float(value[top]) for key, value in fabrics.items()}
@@ -120,17 +127,22 @@ def tabulate(
         model: of the likelihood.
         seen: log likelihood of each block in the folds that were found without the effect; by default as it is.
     """
-    if effect.vector:
-        return _tabulate_vector(effect, blocks, pixels, model)
-    if effect.random_repeats:
-        return _tabulate_scatter(effect, blocks, pixels, model)
-    table = _tabulate_scalar(effect, blocks, pixels, model)
+    kind = "scatter" if effect.random_repeats else "cloth" if effect.moves_cloth else effect.stage.value
+    table = replace(_tabulate_one(effect, blocks, pixels, model), share=SIZE_SHARES[kind])
     if not effect.moves_cloth:
         return table
     if seen is None:
         seen = [float(still.max()) for still in tabulate_nothing(blocks, pixels, model).blocks]
     own = zip(blocks, table.blocks, seen, strict=True)
     return replace(table, blocks=tuple(_or_unmoved(b.scene, value, still, model) for b, value, still in own))
+
+
+def _tabulate_one(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    if effect.vector:
+        return _tabulate_vector(effect, blocks, pixels, model)
+    if effect.random_repeats:
+        return _tabulate_scatter(effect, blocks, pixels, model)
+    return _tabulate_scalar(effect, blocks, pixels, model)
 
 
 def _or_unmoved(scene: str, value: Array, still: float, model: LikelihoodModel) -> Array:
@@ -355,8 +367,9 @@ def _fit_vector(
     return size, hessian
 
 
-def _interval(sizes: Array, mass: Array, top: float) -> tuple[float, float]:
-    """5 and 95 % points of a distribution on a grid (in any order, with repeats), widened to hold ``top``.
+def _interval(sizes: Array, mass: Array, top: float, share: float = 0.0) -> tuple[float, float]:
+    """5 and 95 % points of a distribution on a grid (in any order, with repeats), widened to hold ``top`` and by an
+    error of the size's logarithm (on a side that reaches zero there is nothing to widen).
 
     Each point's mass lies half to either side of it: all of it below would shift an interval by half a step.
     """
@@ -364,4 +377,12 @@ def _interval(sizes: Array, mass: Array, top: float) -> tuple[float, float]:
     own = np.bincount(where, weights=mass)
     middle = np.cumsum(own) - 0.5 * own
     low, high = (float(np.interp(q, middle, points)) for q in (0.05, 0.95))
-    return min(low, top), max(high, top)
+    return _further(min(low, top), top, share, upper=False), _further(max(high, top), top, share, upper=True)
+
+
+def _further(end: float, top: float, share: float, *, upper: bool) -> float:
+    """An end of an interval, further from ``top`` by a relative error."""
+    if end * top <= 0.0:
+        return end
+    reach = float(np.hypot(np.log(end / top), 1.645 * share))
+    return top * float(np.exp(reach if upper == (top > 0) else -reach))

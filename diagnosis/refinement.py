@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from diagnosis.cause import Cause
+from diagnosis.cause import NOT_EFFECTS, Cause
 from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import FabricResult
@@ -19,7 +19,8 @@ NEAR_NATS = 5.0
 """An effect whose log evidence is further behind is not looked at again."""
 MOVED = 0.1
 """A size that moves by a larger share is simulated again."""
-Weigh = Callable[[Sequence[FabricResult]], Cause]
+Weigh = Callable[[Sequence[FabricResult], Sized | None], Cause]
+"""Probabilities from results, what one effect of some size does taken away beforehand."""
 
 
 def look_again(looks: Mapping[str, FreshLook], weigh: Weigh, scene: str) -> dict[str, FreshLook]:
@@ -27,7 +28,7 @@ def look_again(looks: Mapping[str, FreshLook], weigh: Weigh, scene: str) -> dict
 
     Args:
         looks: by fabric.
-        weigh: probabilities from results.
+        weigh: see :data:`Weigh`.
         scene: whose captures are looked at again.
 
     Returns:
@@ -36,13 +37,17 @@ def look_again(looks: Mapping[str, FreshLook], weigh: Weigh, scene: str) -> dict
     seen: dict[str, list[Mapping[str, float]]] = {}
     now = dict(looks)
     for _ in range(ROUNDS):
-        cause = weigh([look.result for look in now.values()])
+        results = [look.result for look in now.values()]
+        cause = weigh(results, None)
+        near = candidates(cause)[: None if not seen else LATER_CANDIDATES]
+        if cause.top not in NOT_EFFECTS:  # a weaker one beside it is far behind it, and yet may be there
+            beside = candidates(weigh(results, (cause.top, cause.size(cause.top))))
+            near += [(n, s) for n, s in beside if n not in {name for name, _ in near}][:LATER_CANDIDATES]
         wanted = [
             (name, size)
-            for name, size in candidates(cause)
+            for name, size in near
             if not any(_alike(size, other, get_effect(name)) for other in seen.get(name, []))
         ]
-        wanted = wanted if not seen else wanted[:LATER_CANDIDATES]
         if not wanted:
             break
         for name, size in wanted:

@@ -1,0 +1,119 @@
+"""Something outside the catalogue: what is left over and is common to all fabrics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis import refinement
+from diagnosis.block import Block, PixelBlock, View
+from diagnosis.cause import Cause, name_cause
+from diagnosis.effect import SCALAR
+from diagnosis.effects import get_effect
+from diagnosis.evidence import Evidence, smooth_modes
+from diagnosis.features import PLANE_NAMES
+from diagnosis.likelihood import LikelihoodModel
+from diagnosis.reference import CELLS
+from diagnosis.remainder import Mixture
+from diagnosis.sizes import node_weights, nodes
+
+EFFECTS = ("air_draft", "crease")
+COUNT = CELLS * CELLS
+ERROR_M = 0.0003
+FABRICS = 4
+
+
+def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,) * FABRICS) -> list[Block]:
+    """Fabrics with responses of random form, some of which show a change; errors of 0.3 mm.
+
+    ``change``: an effect's name, or "smooth" for a form that no effect has, of 1.2 mm.
+    """
+    rng = np.random.default_rng(7)
+    form = 0.0012 * smooth_modes()[:COUNT] @ rng.standard_normal(smooth_modes().shape[1]) / 3.0
+    blocks = []
+    for fabric in range(FABRICS):
+        rows = {n: 3.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in EFFECTS}
+        measured = rng.standard_normal(COUNT)
+        if fabric in shown and change == "smooth":
+            measured = measured + form / ERROR_M
+        elif fabric in shown and change is not None:
+            measured = measured + node_weights(get_effect(change), {SCALAR: 0.3}) @ rows[change]
+        view = View(measured, rows, {}, ERROR_M * np.eye(COUNT), COUNT * float(np.log(ERROR_M)))
+        moved = 0.3 * rng.standard_normal((pins[fabric], COUNT))
+        owner, cell = np.zeros(COUNT, dtype=np.intp), np.arange(COUNT)
+        parameters = 1e-4 * rng.standard_normal((7, COUNT))
+        blocks.append(Block(f"f{fabric}", "stretch", ("a",), view, view, cell, owner, parameters, moved))
+    return blocks
+
+
+def quiet(numbers: int = 1) -> PixelBlock:
+    rows = {n: np.zeros((len(nodes(get_effect(n))), numbers)) for n in EFFECTS}
+    return PixelBlock(np.zeros(numbers), rows, sensor_known=False)
+
+
+def gain(blocks: list[Block]) -> float:
+    return Mixture.of(EFFECTS, blocks, LikelihoodModel()).gain([block.stated.measured for block in blocks])
+
+
+def test_a_form_that_all_fabrics_show_is_predicted_from_the_others() -> None:
+    assert gain(fabrics(range(FABRICS), "smooth")) > 5.0
+
+
+@pytest.mark.parametrize("shown", [range(0), range(1)])
+def test_chance_or_one_fabric_alone_predicts_nothing(shown: Sequence[int]) -> None:
+    assert gain(fabrics(shown, "smooth")) < 0.0
+
+
+def test_fabrics_whose_pins_differ_in_number_can_still_be_mixed() -> None:
+    assert np.isfinite(gain(fabrics(range(FABRICS), "smooth", pins=(4, 4, 8, 4))))
+
+
+def test_one_fabric_predicts_nothing() -> None:
+    assert gain(fabrics(range(FABRICS), "smooth")[:1]) == -np.inf
+
+
+def test_what_no_effect_describes_is_unknown() -> None:
+    assert name_cause(EFFECTS, fabrics(range(FABRICS), "smooth"), quiet()).top == "unknown"
+
+
+def test_an_effect_of_the_catalogue_leaves_nothing_over() -> None:
+    cause = name_cause(EFFECTS, fabrics(range(FABRICS), "air_draft"), quiet())
+    assert cause.named == ("air_draft",) and cause.probabilities["unknown"] < 0.1
+
+
+def test_shared_numbers_that_contradict_an_effect_speak_for_something_unknown() -> None:
+    pixels = quiet(len(PLANE_NAMES))
+    off = PixelBlock(np.full(len(PLANE_NAMES), 40.0), pixels.responses, sensor_known=False)
+    blocks = fabrics(range(FABRICS), "air_draft")
+    assert name_cause(EFFECTS, blocks, pixels).named == ("air_draft",)
+    assert name_cause(EFFECTS, blocks, off).top == "unknown"
+
+
+def test_a_weaker_effect_beside_a_strong_one_is_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[str] = []
+
+    def freshen(look: Any, wanted: Sequence[tuple[str, Any]], scene: str) -> str:
+        looked.extend(name for name, _ in wanted)
+        return str(look.result)
+
+    def weigh(results: Sequence[Any], beside: Any) -> Cause:
+        strong, weak = (40.0, 1.0) if beside is None else (0.0, 1.0)
+        evidence = {
+            name: Evidence(name, value, value, {}, size, {})
+            for name, value, size in (
+                ("none", 0.0, {}),
+                ("sensor_smoothing", strong, {SCALAR: 1.5, "after_noise": 1.0}),
+                ("off_grain", weak, {SCALAR: 5.0}),
+            )
+        }
+        top = "sensor_smoothing" if beside is None else "none"
+        return Cause({name: float(name == top) for name in evidence}, evidence, strong)
+
+    monkeypatch.setattr(refinement, "freshen", freshen)
+    monkeypatch.setattr(refinement, "replace", lambda look, result: SimpleNamespace(result=result))
+    refinement.look_again({"f1": SimpleNamespace(result="captures")}, weigh, "stretch")  # type: ignore[dict-item]
+    assert looked == ["off_grain"]
