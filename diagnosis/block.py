@@ -48,6 +48,7 @@ class Block:
         owner: which of ``captures`` it belongs to, [n].
         jacobian: change for one stated standard deviation of each parameter [m], [7, n].
         pins: change for each pin moved along x and y [m/m], [2 pins, n].
+        warps: change for each linear warp of the picture [m], [4, n].
     """
 
     fabric: str
@@ -59,6 +60,7 @@ class Block:
     owner: NDArray[np.intp]
     jacobian: Array
     pins: Array
+    warps: Array
 
     @property
     def views(self) -> tuple[View, View]:
@@ -99,6 +101,7 @@ def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model:
         owner,
         stacked_jacobian(captures, sigma)[:, seen],
         np.concatenate([c.responses.pins for c in captures], axis=1)[:, seen],
+        np.concatenate([c.warps for c in captures], axis=1)[:, seen],
     )
 
 

@@ -14,6 +14,7 @@ from diagnosis.reference import Reference, make_reference
 from diagnosis.responses import Responses, borrowed_responses
 from diagnosis.scene import SimulationScene
 from diagnosis.simulator import Cost, KeyedDrape, Simulator
+from diagnosis.warps import warp_responses
 from simcore.mechanics import Jitter
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -81,6 +82,7 @@ class CaptureResult:
         sensor_known: the set states the sensor.
         base: the base state.
         pose_known: the set states the camera's pose.
+        warps: see :func:`diagnosis.warps.warp_responses`.
     """
 
     id: str
@@ -94,7 +96,8 @@ class CaptureResult:
     state: int
     sensor_known: bool
     base: KeyedDrape
-    pose_known: bool = True
+    pose_known: bool
+    warps: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,7 @@ class SeenState:
     scene: SimulationScene
     reference: Reference
     responses: Responses
+    warps: NDArray[np.float64]
 
 
 def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
@@ -151,6 +155,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                     capture.sensor_known,
                     drape,
                     capture.pose_known,
+                    state.warps,
                 )
             )
     return FabricResult(task, tuple(results), simulator.cost)
@@ -184,7 +189,7 @@ def see_state(simulator: Simulator, task: FabricTask, scene: SimulationScene, dr
     reference = make_reference(drape.drape, scene)
     picture = picture_of(drape.drape, scene)
     responses = borrowed_responses(simulator, task.parameters, scene, drape, task.effects, picture, reference)
-    return SeenState(drape, scene, reference, responses)
+    return SeenState(drape, scene, reference, responses, warp_responses(reference, scene.camera))
 
 
 def relative_sigma(parameters_cv: float | None, density_cv: float | None, fallback: float) -> tuple[float, ...]:

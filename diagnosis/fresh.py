@@ -188,6 +188,7 @@ def _rebased(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized
         base=best,
         reference=seen.reference,
         responses=seen.responses,
+        warps=seen.warps,
         measured=measure(depth, seen.reference),
         rms_m=near,
     )

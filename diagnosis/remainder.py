@@ -1,8 +1,9 @@
 """What an explanation leaves over that is common to all fabrics: the mark of something outside the catalogue.
 
 What is in no catalogue cannot be simulated, but the change it brings can be put together from changes that can:
-effects, parameters, pins and smooth changes of any form, in the same proportions for all fabrics. Such a mixture is
-fitted to all fabrics but one and judged on the one left out; what is chance, or one fabric's own, predicts nothing.
+effects, parameters, pins, warps of the picture and smooth changes of any form, in the same proportions for all
+fabrics. Such a mixture is fitted to all fabrics but one and judged on the one left out; what is chance, or one
+fabric's own, predicts nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ Array = NDArray[np.float64]
 WEIGHTS = (0.2, 0.4)
 """Spread of a mixture's proportions, 1 being what follows: smaller ones find how simulators differ for no reason."""
 PARAMETER_SIGMAS, PIN_M, SMOOTH_M = 3.0, 0.003, 0.003
-"""Of a change of each parameter, of each pin along each axis, of each smooth form; effects: their typical size."""
+"""Of a change of each parameter, of each pin along each axis, of each smooth form; effects: their typical size;
+warped pictures: :data:`diagnosis.warps.WARP`."""
 ROUNDS = 6
 LEAST_SQUARE = 0.3
 """A block that is fitted better than this share of its errors counts no more for it."""
@@ -110,7 +112,7 @@ def _columns(effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int
     """Of one block; ``pins``: by scene, how many rows its blocks have for their pins (left out where they differ)."""
     view = block.stated
     rows = [_typical(effect, view.responses) for effect in effects]
-    rows.append(whiten(view, PARAMETER_SIGMAS * block.jacobian.T).T)
+    rows += [whiten(view, PARAMETER_SIGMAS * block.jacobian.T).T, whiten(view, block.warps.T).T]
     for scene, counts in pins.items():  # another placement, other proportions
         own = scene == block.scene
         if len(counts) == 1:

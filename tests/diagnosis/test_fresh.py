@@ -38,9 +38,8 @@ def block_of(measured: np.ndarray) -> Block:
     factor = 0.0005 * np.eye(2 * count)
     view = View(measured / 0.0005, {}, {}, factor, float(2 * count * np.log(0.0005)))
     cell, owner = np.tile(np.arange(count), 2), np.repeat([0, 1], count)
-    return Block(
-        "f1", "stretch", ("a", "b"), view, view, cell, owner, np.zeros((7, 2 * count)), np.zeros((4, 2 * count))
-    )
+    still = np.zeros((4, 2 * count))
+    return Block("f1", "stretch", ("a", "b"), view, view, cell, owner, np.zeros((7, 2 * count)), still, still)
 
 
 def test_a_smooth_change_that_repeats_share_is_better_explained_by_an_unknown_shape_than_by_errors() -> None:

@@ -46,7 +46,8 @@ def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,)
         moved = 0.3 * rng.standard_normal((pins[fabric], COUNT))
         owner, cell = np.zeros(COUNT, dtype=np.intp), np.arange(COUNT)
         parameters = 1e-4 * rng.standard_normal((7, COUNT))
-        blocks.append(Block(f"f{fabric}", "stretch", ("a",), view, view, cell, owner, parameters, moved))
+        warps = 1e-4 * rng.standard_normal((4, COUNT))
+        blocks.append(Block(f"f{fabric}", "stretch", ("a",), view, view, cell, owner, parameters, moved, warps))
     return blocks
 
 
