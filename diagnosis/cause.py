@@ -15,7 +15,7 @@ from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing, tabulate_unknown
 from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown
 from diagnosis.remainder import Mixture
-from diagnosis.subtract import pixels_without, without
+from diagnosis.subtract import pixels_without, responses_at_place, without
 
 NOT_EFFECTS = ("none", "unknown")
 ALONE_NATS = 2.0
@@ -183,9 +183,11 @@ def _besides(
     mixture = Mixture.of(effects, blocks, model)
     calm = np.zeros((1, len(pixels.measured)))
 
-    def gains(left: Sequence[Block], seen: PixelBlock) -> NDArray[np.float64]:
+    def gains(
+        left: Sequence[Block], seen: PixelBlock, granted: Sequence[NDArray[np.float64]] | None = None
+    ) -> NDArray[np.float64]:
         shared = pixel_unknown(seen, model) - float(pixel_log_likelihood(seen, calm, model)[0])
-        return np.array([mixture.gain([block.stated.measured for block in left]), shared])
+        return np.array([mixture.gain([block.stated.measured for block in left], granted), shared])
 
     def either(log_evidence: float, gain: NDArray[np.float64]) -> float:
         return log_evidence + float(logsumexp([*gain, gain.sum()], b=[0.5, 0.25, 0.25]))
@@ -193,9 +195,11 @@ def _besides(
     alone = gains(blocks, pixels)
     found = [either(evidence["none"].log_evidence, COUNTED * alone) + np.log(0.5)]
     rest = sum(share for name, share in shares.items() if name not in NOT_EFFECTS)
-    for name in sorted(effects, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
+    usable = [name for name in effects if not get_effect(name).random_repeats]
+    for name in sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
         size = evidence[name].size
-        left = gains([without(block, name, size) for block in blocks], pixels_without(pixels, name, size))
+        own = [responses_at_place(block.stated.responses, name, size) for block in blocks]
+        left = gains([without(block, name, size) for block in blocks], pixels_without(pixels, name, size), own)
         more = left - TOLERATED * np.maximum(alone, 0.0)
         found.append(either(evidence[name].log_evidence, more) + np.log(0.5 * shares[name] / rest))
     return float(logsumexp(found))

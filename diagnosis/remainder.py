@@ -9,7 +9,7 @@ fabric's own, predicts nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,11 +61,13 @@ class Mixture:
         columns = tuple(_columns(usable, block, pins) for block in blocks)
         return cls(tuple(blocks), columns, tuple(rows @ rows.T for rows in columns), model)
 
-    def gain(self, left: Sequence[Array]) -> float:
+    def gain(self, left: Sequence[Array], granted: Sequence[Array] | None = None) -> float:
         """Log likelihood of each fabric by a mixture fitted on the others, over that without; blocks as they count.
 
         Args:
             left: of each block, what an explanation leaves, whitened, [n].
+            granted: of each block, changes that count for nothing, [rows, n]: how the explanation itself would change
+                with its size, which may be fitted too small or too large.
 
         Returns:
             The best of :data:`WEIGHTS`; nothing (-inf) for a single fabric.
@@ -73,7 +75,18 @@ class Mixture:
         fabrics = sorted({block.fabric for block in self.blocks})
         if len(fabrics) < 2:
             return -np.inf
+        if granted is not None:
+            return self._beyond(granted).gain(
+                [own - b @ (b.T @ own) for own, b in zip(left, _bases(granted), strict=True)]
+            )
         return max(self._gain(left, fabrics, weight) for weight in WEIGHTS)
+
+    def _beyond(self, granted: Sequence[Array]) -> Mixture:
+        """Without what is granted."""
+        along = [rows @ basis for rows, basis in zip(self.columns, _bases(granted), strict=True)]
+        columns = [r - a @ b.T for r, a, b in zip(self.columns, along, _bases(granted), strict=True)]
+        grams = [gram - a @ a.T for gram, a in zip(self.grams, along, strict=True)]
+        return replace(self, columns=tuple(columns), grams=tuple(grams))
 
     def _gain(self, left: Sequence[Array], fabrics: Sequence[str], weight: float) -> float:
         products = [rows @ own for rows, own in zip(self.columns, left, strict=True)]
@@ -106,6 +119,15 @@ class Mixture:
         now, then = self.model.log_density(np.array([after, before]) * share, count * share, scene)
         patience = self.model.patience(scene)
         return float(patience * np.sign(now - then) * np.log1p(abs(now - then) / patience))
+
+
+def _bases(granted: Sequence[Array]) -> list[Array]:
+    """Orthonormal columns that span the rows, [n, rank]."""
+    bases = []
+    for rows in granted:
+        _, size, basis = np.linalg.svd(rows, full_matrices=False)
+        bases.append(basis[size > 1e-9 * max(float(size.max(initial=0.0)), 1e-9)].T)
+    return bases
 
 
 def _columns(effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int]]) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis.block import Block, PixelBlock
 from diagnosis.effects import get_effect
-from diagnosis.sizes import node_weights
+from diagnosis.sizes import node_values, node_weights
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,20 @@ def response_to(responses: Mapping[str, Array], name: str, size: Mapping[str, fl
     if effect.random_repeats:
         return np.zeros(next(iter(responses.values())).shape[1])
     return np.asarray(node_weights(effect, size) @ responses[name])
+
+
+def responses_at_place(responses: Mapping[str, Array], name: str, size: Mapping[str, float]) -> Array:
+    """Responses to an effect at all its nodes of one place, [nodes of the place, n].
+
+    Args:
+        responses, name, size: as in :func:`response_to`; ``size`` gives the place.
+    """
+    effect = get_effect(name)
+    if effect.vector:
+        return responses[name]
+    here = [all(size[key] == value for key, value in place.items()) for place in effect.places].index(True)
+    count = len(node_values(effect))
+    return responses[name][here * count : (here + 1) * count]
 
 
 def without(block: Block, name: str, size: Mapping[str, float]) -> Block:
