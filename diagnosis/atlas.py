@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from capture.capture_set import CaptureSet
 from diagnosis.drape_cache import DrapeCache, drape_key
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask, base_states, see_state
 from diagnosis.preparation import prepare_tasks
-from diagnosis.refinement import CANDIDATES
+from diagnosis.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS
 from diagnosis.simulator import Cost, Simulator
 from diagnosis.sizes import nodes, shortcuts
 from diagnosis.version import RESPONSES_VERSION, SIMULATION_VERSION
@@ -33,21 +35,26 @@ class Forecast:
     """What a diagnosis will cost.
 
     Attributes:
-        simulations: still to be solved, about.
+        simulations: still to be solved, about, where the captures show folds that are at hand.
         seconds: CPU seconds that takes, about.
+        most_simulations, most_seconds: the same where each capture shows folds of its own, which bring their own
+            responses, and where looking closer changes which effects are looked at.
         ready: fabrics whose base states are already at hand.
         fabrics: of the set.
     """
 
     simulations: int
     seconds: float
+    most_simulations: int
+    most_seconds: float
     ready: int
     fabrics: int
 
     def sentence(self) -> str:
         """For the user, before the work."""
         return (
-            f"about {self.simulations} simulations, {self.seconds:.0f} CPU seconds; "
+            f"{self.simulations} to {self.most_simulations} simulations, {self.seconds:.0f} to {self.most_seconds:.0f} "
+            "CPU seconds, by how many fold states the captures show; "
             f"the atlas holds {self.ready} of {self.fabrics} fabrics"
         )
 
@@ -108,21 +115,23 @@ def build_atlas(
 
 def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
     """About what a diagnosis of these fabrics costs with what the cache holds."""
-    simulations, seconds, ready = 0, 0.0, 0
+    counts, most = np.zeros(3, dtype=int), np.zeros(3, dtype=int)
+    ready = 0
     for task in tasks:
         at_hand = _at_hand(task, cache)
         ready += at_hand
         for name in {capture.scene.setup.scene.value for capture in task.captures}:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
-            searches = 1 + (CANDIDATES if name == "stretch" else 0)
-            states = min(len(own), 2) if name == "hanging" else 1
-            variations = states * _variations(task.effects, name, len(own[0].scene.setup.pins_m))
-            if at_hand:
-                variations = variations if name == "hanging" else 0
+            looks = CANDIDATES if name == "stretch" else 0
+            further = ROUNDS * (CANDIDATES + LATER_CANDIDATES) if name == "stretch" else 0
+            one = _variations(task.effects, name, len(own[0].scene.setup.pins_m))
+            states = min(len(own), 2) if name == "hanging" else int(not at_hand)
             bases = 0 if at_hand else BASE_SEEDS[name]
-            simulations += bases + searches + variations
-            seconds += bases * SECONDS_A_BASE + searches * SECONDS_A_SEARCH + variations * SECONDS_A_VARIATION
-    return Forecast(simulations, seconds, ready, len(tasks))
+            counts += (bases, states * one, 1 + looks)
+            most += (bases, len(own) * one, len(own) * (1 + further))
+    each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])
+    totals = [(int(number.sum()), float(number @ each)) for number in (counts, most)]
+    return Forecast(*totals[0], *totals[1], ready, len(tasks))
 
 
 def _variations(effects: Sequence[str], scene: str, pins: int) -> int:
