@@ -13,13 +13,11 @@ from diagnosis.block import Block, PixelBlock
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing, tabulate_unknown
-from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown
+from diagnosis.likelihood import ALONE_NATS, LikelihoodModel, pixel_log_likelihood, pixel_unknown
 from diagnosis.remainder import Mixture
 from diagnosis.subtract import pixels_without, responses_at_place, without
 
 NOT_EFFECTS = ("none", "unknown")
-ALONE_NATS = 2.0
-"""An explanation may gain so much more by one fabric than by any other."""
 SECOND_NATS = 2.0
 """A second effect that explains no more than this adds nothing."""
 REFUTED = 0.1

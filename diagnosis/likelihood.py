@@ -18,6 +18,8 @@ WILD_SHARE = 0.3
 """Of the pixel statistics, when something unknown is there."""
 SCALES = np.geomspace(0.3, 8.0, 25)
 """By how much errors of an ordinary block may be smaller or larger than modelled."""
+ALONE_NATS = 2.0
+"""An explanation may gain so much more by one fabric than by any other."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,11 @@ class LikelihoodModel:
     def patience(self, scene: str) -> float:
         """Of a block of this scene."""
         return self.patience_hanging if scene == "hanging" else self.patience_stretch
+
+    def counted(self, nats: Array | float, scene: str) -> Array:
+        """Difference of a block's log likelihoods: in full while small and like its logarithm when large."""
+        patience = self.patience(scene)
+        return np.asarray(patience * np.sign(nats) * np.log1p(np.abs(nats) / patience))
 
     def moved(self, scene: str) -> float:
         """Of a block of this scene."""
@@ -132,8 +139,7 @@ def combine(
     """
     fabrics: dict[str, Array] = {}
     for block, value, top in zip(blocks, values, best, strict=True):
-        patience = model.patience(block.scene)
-        loss = patience * np.sign(top - value) * np.log1p(np.abs(top - value) / patience)
+        loss = model.counted(top - value, block.scene)
         fabrics[block.fabric] = fabrics.get(block.fabric, np.zeros_like(loss)) - loss
     return np.asarray(sum(fabrics.values())), fabrics
 

@@ -18,7 +18,7 @@ from diagnosis.block import Block, whiten
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 from diagnosis.evidence import smooth_modes
-from diagnosis.likelihood import LikelihoodModel
+from diagnosis.likelihood import ALONE_NATS, LikelihoodModel
 from diagnosis.sizes import node_values
 
 Array = NDArray[np.float64]
@@ -30,8 +30,6 @@ warped pictures: :data:`diagnosis.warps.WARP`."""
 ROUNDS = 6
 LEAST_SQUARE = 0.3
 """A block that is fitted better than this share of its errors counts no more for it."""
-ALONE_NATS = 2.0
-"""A mixture may predict one fabric so much better than the next."""
 
 
 @dataclass(frozen=True)
@@ -76,15 +74,15 @@ class Mixture:
         if len(fabrics) < 2:
             return -np.inf
         if granted is not None:
-            return self._beyond(granted).gain(
-                [own - b @ (b.T @ own) for own, b in zip(left, _bases(granted), strict=True)]
-            )
+            bases = [_basis(rows) for rows in granted]
+            beyond = [own - basis @ (basis.T @ own) for own, basis in zip(left, bases, strict=True)]
+            return self._beyond(bases).gain(beyond)
         return max(self._gain(left, fabrics, weight) for weight in WEIGHTS)
 
-    def _beyond(self, granted: Sequence[Array]) -> Mixture:
-        """Without what is granted."""
-        along = [rows @ basis for rows, basis in zip(self.columns, _bases(granted), strict=True)]
-        columns = [r - a @ b.T for r, a, b in zip(self.columns, along, _bases(granted), strict=True)]
+    def _beyond(self, bases: Sequence[Array]) -> Mixture:
+        """Without what each block's orthonormal columns span."""
+        along = [rows @ basis for rows, basis in zip(self.columns, bases, strict=True)]
+        columns = [r - a @ b.T for r, a, b in zip(self.columns, along, bases, strict=True)]
         grams = [gram - a @ a.T for gram, a in zip(self.grams, along, strict=True)]
         return replace(self, columns=tuple(columns), grams=tuple(grams))
 
@@ -114,20 +112,16 @@ class Mixture:
         return float(sum(gains) - max(0.0, gains[-1] - max(gains[-2], 0.0) - ALONE_NATS))
 
     def _counted(self, after: float, before: float, number: int, count: int) -> float:
-        """Gain of one block, in full while small and like its logarithm when large."""
+        """Gain of one block from its squared residual after and before."""
         share, scene = self.model.dimension_share, self.blocks[number].scene
         now, then = self.model.log_density(np.array([after, before]) * share, count * share, scene)
-        patience = self.model.patience(scene)
-        return float(patience * np.sign(now - then) * np.log1p(abs(now - then) / patience))
+        return float(self.model.counted(now - then, scene))
 
 
-def _bases(granted: Sequence[Array]) -> list[Array]:
+def _basis(rows: Array) -> Array:
     """Orthonormal columns that span the rows, [n, rank]."""
-    bases = []
-    for rows in granted:
-        _, size, basis = np.linalg.svd(rows, full_matrices=False)
-        bases.append(basis[size > 1e-9 * max(float(size.max(initial=0.0)), 1e-9)].T)
-    return bases
+    _, size, basis = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(basis[size > 1e-9 * max(float(size.max(initial=0.0)), 1e-9)].T)
 
 
 def _columns(effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int]]) -> Array:

@@ -20,6 +20,7 @@ from diagnosis.likelihood import LikelihoodModel
 from diagnosis.reference import CELLS
 from diagnosis.remainder import Mixture
 from diagnosis.sizes import node_weights, nodes
+from diagnosis.subtract import responses_at_place, without
 
 EFFECTS = ("air_draft", "crease")
 COUNT = CELLS * CELLS
@@ -75,6 +76,25 @@ def test_fabrics_whose_pins_differ_in_number_can_still_be_mixed() -> None:
 
 def test_one_fabric_predicts_nothing() -> None:
     assert gain(fabrics(range(FABRICS), "smooth")[:1]) == -np.inf
+
+
+def test_what_an_effect_of_another_size_would_change_is_granted() -> None:
+    """A size that was fitted too small leaves something in all fabrics, which speaks for nothing unknown."""
+    blocks = fabrics(range(FABRICS), "air_draft")
+    small = {SCALAR: 0.15}
+    left = [without(block, "air_draft", small).stated.measured for block in blocks]
+    own = [responses_at_place(block.stated.responses, "air_draft", small) for block in blocks]
+    mixture = Mixture.of(EFFECTS, blocks, LikelihoodModel())
+    assert mixture.gain(left) > 5.0 and mixture.gain(left, own) < 0.0
+
+
+def test_responses_at_a_place_are_those_of_that_place_alone() -> None:
+    effect = get_effect("crease")
+    rows = np.arange(float(len(nodes(effect))))[:, None]
+    size = {SCALAR: 0.8} | dict(effect.places[1])
+    chosen = responses_at_place({"crease": rows}, "crease", size)
+    weights = node_weights(effect, size)
+    assert set(rows[weights != 0, 0]) <= set(chosen[:, 0]) and len(chosen) * len(effect.places) == len(rows)
 
 
 def test_what_no_effect_describes_is_unknown() -> None:
