@@ -28,6 +28,14 @@ ERROR_M = 0.0003
 FABRICS = 4
 
 
+def linear_responses(name: str, rng: np.random.Generator) -> np.ndarray:
+    """Of random form at each place, as long as the size; three errors long at 0.5."""
+    effect = get_effect(name)
+    forms = 6.0 * rng.standard_normal((len(effect.places), COUNT))
+    sizes = np.array([node[SCALAR] for node in nodes(effect)])
+    return sizes[:, None] * np.repeat(forms, len(sizes) // len(forms), axis=0)
+
+
 def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,) * FABRICS) -> list[Block]:
     """Fabrics with responses of random form, some of which show a change; errors of 0.3 mm.
 
@@ -37,7 +45,7 @@ def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,)
     form = 0.0012 * smooth_modes()[:COUNT] @ rng.standard_normal(smooth_modes().shape[1]) / 3.0
     blocks = []
     for fabric in range(FABRICS):
-        rows = {n: 3.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in EFFECTS}
+        rows = {name: linear_responses(name, rng) for name in EFFECTS}
         measured = rng.standard_normal(COUNT)
         if fabric in shown and change == "smooth":
             measured = measured + form / ERROR_M
