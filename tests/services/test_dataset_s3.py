@@ -132,7 +132,7 @@ def outage(server: S3Server, proxy: FaultProxy) -> Iterator[None]:
 
 @pytest.mark.ray
 @pytest.mark.slow
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(300)
 def test_a_sweep_rides_out_a_short_outage_and_is_resumed_after_a_long_one(
     server: S3Server, undisturbed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,7 +152,7 @@ def test_a_sweep_rides_out_a_short_outage_and_is_resumed_after_a_long_one(
             assert ridden_out < SHARDS, "the server was to be killed in mid-run"
             wait_for_marks(url, ridden_out + 1, driver)
             with outage(server, proxy):
-                _, said = driver.communicate(timeout=120)
+                _, said = driver.communicate(timeout=60)
         finally:
             driver.kill()
             driver.wait()
