@@ -94,7 +94,7 @@ def expect_question(page: Any, number: int) -> None:
 
 
 def test_the_whole_study_by_keyboard(page: Any, served: tuple[str, StudyStore]) -> None:
-    assert page.title() == "Pilot study"
+    page.wait_for_function("document.title === 'Pilot study'")  # set once the page has asked the server for the study
     begin(page)
     assert page.eval_on_selector_all("#question img", "images => images.every(i => i.naturalWidth === 64)")
     assert page.eval_on_selector_all("#question img", "images => images.length") == 6
