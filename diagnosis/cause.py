@@ -13,6 +13,7 @@ from diagnosis.block import Block, PixelBlock
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing, tabulate_unknown
+from diagnosis.groups import group_of
 from diagnosis.likelihood import ALONE_NATS, LikelihoodModel, pixel_log_likelihood, pixel_unknown
 from diagnosis.remainder import Mixture
 from diagnosis.subtract import pixels_without, responses_at_place, without
@@ -26,9 +27,11 @@ FIRST_EFFECTS = 3
 """So many of the best single effects are tried together with every other one, or with something unknown."""
 REMAINDER_SHARE = 0.5
 """Of ``unknown``: something that shows in what is common to all fabrics, alone or beside an effect."""
-COUNTED = 0.5
-"""Of a mixture's gain: where one effect explains the captures, a mixture does so too."""
-TOLERATED = 0.5
+REFERENCE_ROUNDS = 4
+"""So often another explanation may turn out to be the best one when all are held against it."""
+BY_CHANCE_NATS = 6.0
+"""A mixture may gain so much where nothing is there: simulators differ for no reason, and differently each time."""
+TOLERATED = 0.7
 """Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
 
 
@@ -43,7 +46,7 @@ class CausePrior:
     """
 
     none: float = 0.3
-    unknown: float = 0.05
+    unknown: float = 0.07
     two: float = 0.15
     scatter: float = 0.07
     unseen: float = 0.1
@@ -146,24 +149,50 @@ def name_cause(
     tables = [tabulate_nothing(blocks, pixels, model), tabulate_unknown(blocks, pixels, model)]
     still = [float(value.max()) for value in tables[0].blocks]
     tables += [tabulate(get_effect(name), blocks, pixels, model, still) for name in effects]
-    best = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
-    alone = {table.name: table.weigh(blocks, best, model) for table in tables}
-    both = _pairs(effects, blocks, pixels, model, alone, tables[0]) if pairs and len(effects) > 1 else []
+    shares = prior.shares(effects, pixels_seen=pixels.sensor_known)
+    peaks = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
+    reference = _reference(tables, blocks, peaks, model, shares)
+    alone = {table.name: table.weigh(blocks, reference, model) for table in tables}
+    under_peaks = {table.name: table.weigh(blocks, peaks, model) for table in tables}  # pairs gain or lose below these
+    both = _pairs(effects, blocks, pixels, model, under_peaks, tables[0]) if pairs and len(effects) > 1 else []
     evidence = {name: _by_more_than_one(e, alone["none"]) for name, e in alone.items()}
     found = []
     for first, sizes, table in both:
-        own = table.weigh(blocks, best, model)
-        shared = evidence[first].log_evidence + _by_more_than_one(own, alone[first]).log_evidence
-        pair = Pair(first, table.name, sizes, replace(own, log_evidence=shared - alone[first].log_evidence))
+        own = table.weigh(blocks, peaks, model)
+        shared = evidence[first].log_evidence + _by_more_than_one(own, under_peaks[first]).log_evidence
+        pair = Pair(first, table.name, sizes, replace(own, log_evidence=shared - under_peaks[first].log_evidence))
         if pair.evidence.log_evidence > evidence[first].log_evidence + SECOND_NATS:
             found.append(pair)
-    shares = prior.shares(effects, pixels_seen=pixels.sensor_known)
     if pairs and len({block.fabric for block in blocks}) > 1:
         besides = _besides(effects, blocks, pixels, model, evidence, shares)
         known = evidence["unknown"].log_evidence + np.log1p(-REMAINDER_SHARE)
         total = float(np.logaddexp(known, besides + np.log(REMAINDER_SHARE)))
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
     return _weigh(shares, evidence, found, prior)
+
+
+def _reference(
+    tables: Sequence[Table],
+    blocks: Sequence[Block],
+    best: list[float],
+    model: LikelihoodModel,
+    shares: Mapping[str, float],
+) -> list[float]:
+    """Log likelihood of each block under the best single explanation, against which all others gain or lose.
+
+    What is best in one block alone would be a reference that nothing reaches: beside it all the others look alike.
+    """
+    top = None
+    for _ in range(REFERENCE_ROUNDS):
+        found = {
+            table.name: table.weigh(blocks, best, model).log_evidence + np.log(shares[table.name]) for table in tables
+        }
+        leader = max(tables, key=lambda table: found[table.name])
+        if leader is top:
+            break
+        top = leader
+        best = leader.values(blocks, best, model)
+    return best
 
 
 def _besides(
@@ -191,7 +220,7 @@ def _besides(
         return log_evidence + float(logsumexp([*gain, gain.sum()], b=[0.5, 0.25, 0.25]))
 
     alone = gains(blocks, pixels)
-    found = [either(evidence["none"].log_evidence, COUNTED * alone) + np.log(0.5)]
+    found = [either(evidence["none"].log_evidence, alone - [BY_CHANCE_NATS, 0.0]) + np.log(0.5)]
     rest = sum(share for name, share in shares.items() if name not in NOT_EFFECTS)
     usable = [name for name in effects if not get_effect(name).random_repeats]
     for name in sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
@@ -250,7 +279,7 @@ def _pairs(
         size: Mapping[str, float] = evidence[first].size
         occam = evidence[first].log_evidence - evidence[first].best
         for second in effects:
-            if second == first or frozenset({first, second}) in seen:
+            if second in group_of(first) or frozenset({first, second}) in seen:
                 continue
             seen.add(frozenset({first, second}))
             table = _given(second, first, size, blocks, pixels, model, nothing)

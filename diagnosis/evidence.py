@@ -23,7 +23,7 @@ from diagnosis.likelihood import (
     view_log_likelihood,
 )
 from diagnosis.reference import CELLS, cell_centres
-from diagnosis.sizes import grid, interpolation, log_prior, node_values, node_weights, vector_step
+from diagnosis.sizes import fading, grid, interpolation, log_prior, node_values, node_weights, vector_step
 
 Array = NDArray[np.float64]
 UNKNOWN_FACTORS = np.geomspace(1.5, 30.0, 13)
@@ -90,6 +90,12 @@ class Table:
     sizes: tuple[dict[str, float], ...]
     sigma: dict[str, float] = field(default_factory=dict)
     share: float = 0.0
+
+    def values(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> list[float]:
+        """Log likelihood of each block at the most probable size."""
+        total, _ = combine(blocks, self.blocks, best, model)
+        top = int(np.argmax(total + self.pixels + self.prior))
+        return [float(values[top]) for values in self.blocks]
 
     def weigh(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> Evidence:
         """Combine blocks, marginalise the size."""
@@ -329,6 +335,7 @@ def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
         seen = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
         occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
         occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
+        occam += float(fading(next(iter(effect.components.values())), np.array(max(np.linalg.norm(size), 1e-12))))
         total = float(sum(value.sum() for value in values) + seen.sum() + occam)
         found.append((total, len(found), size, hessian, tuple(values), seen, occam))
     _, _, size, hessian, by_block, seen, occam = max(found)

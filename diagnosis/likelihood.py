@@ -125,13 +125,13 @@ def combine(
 ) -> tuple[Array, dict[str, Array]]:
     """Blocks to everything, so that none outvotes the others.
 
-    What a block loses against the best of all single explanations (or gains, by two) counts in full while it is small
-    and like its logarithm when it is large: one block or fabric that is odd for a reason of its own decides nothing.
+    What a block loses or gains against a reference counts in full while it is small and like its logarithm when it is
+    large: one block or fabric that is odd for a reason of its own decides nothing.
 
     Args:
         blocks: all blocks.
         values: log likelihood of each block, [sizes].
-        best: of each block, over all single explanations.
+        best: of each block, under the explanation that others are held against.
         model: see there.
 
     Returns:

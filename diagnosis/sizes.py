@@ -8,9 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.effect import SCALAR, Effect, Stage
+from diagnosis.effect import SCALAR, Component, Effect, Stage
 
 GRID_POINTS = 49
+FITTED_SHARE = 0.15
+"""Relative error of a fitted size at the ends of its prior."""
 
 
 def node_values(effect: Effect) -> list[float]:
@@ -81,10 +83,18 @@ def grid(effect: Effect) -> NDArray[np.float64]:
 def log_prior(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Log of the prior's weights on :func:`grid`: log-uniform, fading outside the stated range; sums to one."""
     component = next(iter(effect.components.values()))
-    size = np.abs(sizes)
-    outside = np.maximum(np.maximum(component.low / size, size / component.high), 1.0)
-    log_weight = -2.0 * np.log(outside) / math.log(1.5)
+    log_weight = fading(component, np.abs(sizes))
     return np.asarray(log_weight - np.log(np.exp(log_weight).sum()))
+
+
+def fading(component: Component, size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Log of the prior's density at sizes outside its range, relative to that at its ends; zero inside.
+
+    A fitted size errs by :data:`FITTED_SHARE`; an effect that is found far smaller than it is ever believed to be is
+    more probably another one.
+    """
+    outside = np.maximum(np.maximum(component.low / size, size / component.high), 1.0)
+    return np.asarray(-0.5 * (np.log(outside) / FITTED_SHARE) ** 2)
 
 
 def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -53,6 +54,39 @@ def test_an_effect_that_all_fabrics_show_is_named_with_its_size() -> None:
 def test_what_one_fabric_alone_shows_names_nothing(shown: range) -> None:
     blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, shown)
     assert name_cause(("air_draft", "crease"), blocks, pixels).top == "none"
+
+
+def test_what_fits_one_block_better_does_not_hide_what_explains_them_all() -> None:
+    blocks, pixels = a_set("air_draft", {SCALAR: 0.2}, range(FABRICS))
+    alone = name_cause(("air_draft",), blocks, pixels)
+    odd = [
+        replace(b, stated=_with(b.stated, "crease", n), wide=_with(b.wide, "crease", n)) for n, b in enumerate(blocks)
+    ]
+    beside = name_cause(("air_draft", "crease"), odd, pixels, pairs=False)
+    assert beside.evidence["crease"].by_fabric["f0"] > beside.evidence["air_draft"].by_fabric["f0"]
+    gained = [c.evidence["air_draft"].log_evidence - c.evidence["none"].log_evidence for c in (alone, beside)]
+    assert gained[1] == pytest.approx(gained[0], rel=0.05)
+
+
+def _with(view: View, name: str, fabric: int) -> View:
+    """A view in which an effect explains everything of the first fabric and nothing of the others."""
+    count = len(view.responses[name])
+    rows = np.tile(view.measured, (count, 1)) if fabric == 0 else np.zeros((count, COUNT))
+    return replace(view, responses=view.responses | {name: rows})
+
+
+def test_effects_declared_inseparable_are_no_pair() -> None:
+    blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(FABRICS))
+    rng = np.random.default_rng(3)
+    grown = []
+    for own in blocks:
+        tilt = 6.0 * rng.standard_normal((len(nodes(get_effect("panel_tilt"))), COUNT))
+        both = own.stated.measured + node_weights(get_effect("panel_tilt"), {SCALAR: 9.0}) @ tilt
+        view = replace(own.stated, measured=both, responses=own.stated.responses | {"panel_tilt": tilt})
+        grown.append(replace(own, stated=view, wide=view))
+    seen = replace(pixels, responses=pixels.responses | {"panel_tilt": np.zeros((len(tilt), 1))})
+    assert len(name_cause(("air_draft", "panel_tilt"), grown, seen).named) < 2
+    assert name_cause(("air_draft", "panel_tilt"), grown, seen).pair is None
 
 
 def test_a_vector_answers_backward_otherwise_than_forward() -> None:

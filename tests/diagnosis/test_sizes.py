@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.sizes import grid, interpolation, log_prior, node_values, nodes
+from diagnosis.sizes import FITTED_SHARE, fading, grid, interpolation, log_prior, node_values, nodes
 
 SCALARS = sorted(n for n, e in catalogue().items() if not e.vector and not e.random_repeats)
 
@@ -34,6 +34,13 @@ def test_prior_sums_to_one_and_prefers_the_stated_range(name: str) -> None:
     inside = (np.abs(sizes) >= component.low) & (np.abs(sizes) <= component.high)
     assert weights.sum() == pytest.approx(1.0)
     assert weights[inside].min() >= weights[~inside].max() - 1e-12
+
+
+def test_sizes_outside_their_range_fade_as_fitted_sizes_err() -> None:
+    component = next(iter(get_effect("rest_curvature").components.values()))
+    one, two = np.exp(FITTED_SHARE), np.exp(2 * FITTED_SHARE)
+    sizes = np.array([component.low, component.low / one, component.low / two, component.high, component.high * one])
+    np.testing.assert_allclose(fading(component, sizes), [0.0, -0.5, -2.0, 0.0, -0.5], atol=1e-12)
 
 
 def test_places_multiply_the_nodes() -> None:
