@@ -15,7 +15,7 @@ from diagnosis.detection import detect
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR, Stage
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.fabric_task import FabricResult, FabricTask, explain_fabric
+from diagnosis.fabric_task import FabricResult, explain_fabric
 from diagnosis.fresh import FreshLook, Sized
 from diagnosis.groups import group_of
 from diagnosis.isolability import not_separable
@@ -32,6 +32,7 @@ from diagnosis.shrinkage_report import complete
 from diagnosis.simulator import Cost, Simulator
 from diagnosis.subtract import pixels_without, without
 from diagnosis.version import MODEL_VERSION
+from diagnosis.workers import ALONE, Workers
 from simcore.errors import InputError
 
 ROUGH = 0.05
@@ -119,32 +120,17 @@ def diagnose(
     kept = cache or DrapeCache.default()
     if on_forecast is not None:
         on_forecast(forecast(tasks, kept).sentence())
-    results = run_tasks(tasks, kept, options.workers, on_fabric)
-    return conclude(
-        results, effects, tuple(assumed), began, cache=kept if options.afresh else None, lpips=options.lpips
-    )
-
-
-def run_tasks(
-    tasks: Sequence[FabricTask], cache: DrapeCache, workers: int, on_fabric: Progress | None = None
-) -> list[FabricResult]:
-    """Explain every fabric, in processes of their own when there is more than one worker."""
-    if workers <= 1 or len(tasks) == 1:
-        results = []
-        for task in tasks:
-            results.append(explain_fabric(task, cache))
-            if on_fabric is not None:
-                on_fabric(1.0)
-        return results
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-    from multiprocessing import get_context
-
-    with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(explain_fabric, task, cache) for task in tasks]
-        for _ in as_completed(futures):
-            if on_fabric is not None:
-                on_fabric(1.0)
-        return [future.result() for future in futures]
+    with Workers(min(options.workers, len(tasks))) as workers:
+        results = workers.map(partial(explain_fabric, cache=kept), tasks, on_fabric)
+        return conclude(
+            results,
+            effects,
+            tuple(assumed),
+            began,
+            cache=kept if options.afresh else None,
+            lpips=options.lpips,
+            workers=workers,
+        )
 
 
 def conclude(
@@ -157,6 +143,7 @@ def conclude(
     *,
     cache: DrapeCache | None = None,
     lpips: bool = False,
+    workers: Workers = ALONE,
 ) -> Diagnosis:
     """From simulations to the report.
 
@@ -168,12 +155,13 @@ def conclude(
         noise, model: of errors and likelihood.
         cache: where fresh simulations of what may be named are kept; None: statistics alone.
         lpips: measure the shrinkage in LPIPS, too; needs ``cache``.
+        workers: that simulate fabrics side by side.
     """
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
 
     with threadpool_limits(1):  # small matrices: more threads cost more than they give
         looks = {} if cache is None else {r.task.id: FreshLook(Simulator(cache), r) for r in results}
-        return _Conclusion(effects, noise, model).of(list(results), looks, assumed, began, lpips)
+        return _Conclusion(effects, noise, model, workers).of(list(results), looks, assumed, began, lpips)
 
 
 @dataclass(frozen=True)
@@ -183,6 +171,7 @@ class _Conclusion:
     effects: tuple[str, ...]
     noise: NoiseModel
     model: LikelihoodModel
+    workers: Workers
 
     def of(
         self,
@@ -196,7 +185,7 @@ class _Conclusion:
         noise = replace(self.noise, pin_m=pin_scatter([c for r in results for c in r.captures], self.noise))
         if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
-            looks = look_again(looks, partial(self.weigh, noise=noise), scene)
+            looks = look_again(looks, partial(self.weigh, noise=noise), scene, self.workers)
             results = [look.result for look in looks.values()]
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
         cause = name_cause(self.effects, blocks, pixels, self.model)
@@ -204,7 +193,8 @@ class _Conclusion:
         def pixels_of(fabrics: Set[str]) -> PixelBlock:
             return _pixels([r for r in results if r.task.id in fabrics], noise)
 
-        measured = measure_shrinkage(cause, self.effects, blocks, pixels_of, self.model, Judge(looks))
+        judge = Judge(looks, self.workers)
+        measured = measure_shrinkage(cause, self.effects, blocks, pixels_of, self.model, judge)
         if measured is not None and is_refuted(measured.shrinkage):
             cause, measured = cause.refuted(), None
         cost = _cost(results, looks)

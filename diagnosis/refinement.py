@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import FabricResult
 from diagnosis.fresh import FreshLook, Sized, freshen, is_mechanical
+from diagnosis.workers import ALONE, Workers
 
 ROUNDS = 2
 CANDIDATES, LATER_CANDIDATES = 3, 2
@@ -23,13 +25,16 @@ Weigh = Callable[[Sequence[FabricResult], Sized | None], Cause]
 """Probabilities from results, what one effect of some size does taken away beforehand."""
 
 
-def look_again(looks: Mapping[str, FreshLook], weigh: Weigh, scene: str) -> dict[str, FreshLook]:
+def look_again(
+    looks: Mapping[str, FreshLook], weigh: Weigh, scene: str, workers: Workers = ALONE
+) -> dict[str, FreshLook]:
     """Fresh simulations of what may be named.
 
     Args:
         looks: by fabric.
         weigh: see :data:`Weigh`.
         scene: whose captures are looked at again.
+        workers: that simulate fabrics side by side.
 
     Returns:
         The same fabrics with responses that pass through the fresh simulations.
@@ -52,8 +57,16 @@ def look_again(looks: Mapping[str, FreshLook], weigh: Weigh, scene: str) -> dict
             break
         for name, size in wanted:
             seen.setdefault(name, []).append(size)
-        now = {f: replace(look, result=freshen(look, wanted, scene)) for f, look in now.items()}
+        again = workers.map(partial(_looked_again, wanted=wanted, scene=scene), list(now.values()))
+        now = dict(zip(now, again, strict=True))
     return now
+
+
+def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str) -> FreshLook:
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
+
+    with threadpool_limits(1):
+        return replace(look, result=freshen(look, wanted, scene))
 
 
 def candidates(cause: Cause) -> list[Sized]:

@@ -21,6 +21,7 @@ from diagnosis.reference import cell_centres
 from diagnosis.regions import REGIONS, region_of_cells
 from diagnosis.report import Control, RegionShrinkage, Shrinkage
 from diagnosis.subtract import response_to
+from diagnosis.workers import ALONE, Workers
 
 Array = NDArray[np.float64]
 PLAIN = 3.0
@@ -36,10 +37,26 @@ class Judge:
     """Takes effects out of blocks: by fresh simulation where it has the fabric's states, else by known responses.
 
     Attributes:
-        looks: by fabric; empty: nothing is simulated.
+        looks: by fabric; empty: nothing is simulated. What was simulated elsewhere takes its place here.
+        workers: that simulate fabrics side by side.
     """
 
-    looks: Mapping[str, FreshLook]
+    looks: dict[str, FreshLook]
+    workers: Workers = ALONE
+
+    def prepare(self, blocks: Sequence[Block], effects: Mapping[str, Sequence[Sized]]) -> None:
+        """Simulate what :meth:`response` will be asked for: of the blocks, by fabric the effects."""
+        if self.workers.count <= 1 or not self.looks:
+            return
+        wanted = [
+            (
+                self.looks[fabric],
+                [name for b in blocks if b.fabric == fabric for name in b.captures],
+                list(effects[fabric]),
+            )
+            for fabric in effects
+        ]
+        self.looks.update(zip(effects, self.workers.map(_looked_at, wanted), strict=True))
 
     def response(self, block: Block, effects: Sequence[Sized]) -> Array:
         """Change of a block's measurements by effects together [m], [n]."""
@@ -52,6 +69,16 @@ class Judge:
         own = {c.id: c for c in look.result.captures}
         changes = np.stack([look.change(own[name], shown) for name in block.captures])
         return np.asarray(changes[block.owner, block.cell])
+
+
+def _looked_at(wanted: tuple[FreshLook, list[str], list[Sized]]) -> FreshLook:
+    """A fabric with some effects on, simulated for some of its captures."""
+    look, captures, effects = wanted
+    shown = [(name, size) for name, size in effects if not get_effect(name).random_repeats]
+    for capture in look.result.captures:
+        if shown and capture.id in captures:
+            look.drape(capture, shown)
+    return look
 
 
 def sized(cause: Cause) -> list[Sized]:
@@ -184,10 +211,14 @@ def measure_shrinkage(
     rows: list[Array] = []
     shown: list[Held] = []
     wrong: list[str] = []
+    causes: dict[str, Cause] = {}
     for held in fabrics:
         other = set(fabrics) - {held}
         train = [b for b in blocks if b.fabric in other]
-        found = name_cause(effects, train, pixels_of(other), model, pairs=len(cause.named) > 1)
+        causes[held] = name_cause(effects, train, pixels_of(other), model, pairs=len(cause.named) > 1)
+    if not in_numbers:
+        judge.prepare(judged, {held: sized(found) for held, found in causes.items()})
+    for held, found in causes.items():
         rival = most_flexible_wrong(found, cause)
         wrong.append(rival[0] if rival else "none")
         if in_numbers:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -43,9 +44,20 @@ class KeyedDrape:
     key: str
 
 
+_here = threading.local()
+
+
+def solver_of(mesh: GridMesh) -> Solver:
+    """The calling thread's solver of a mesh, made when first asked for."""
+    solvers: dict[GridMesh, Solver] = _here.__dict__.setdefault("solvers", {})
+    if mesh not in solvers:
+        solvers[mesh] = Solver(mesh)
+    return solvers[mesh]
+
+
 @dataclass
 class Simulator:
-    """One process's solvers, one a mesh. Not thread-safe.
+    """Drapes of the cache, or solved now by solvers that a thread keeps, one a mesh; it can be pickled.
 
     Attributes:
         cache: where drapes are kept.
@@ -54,7 +66,6 @@ class Simulator:
 
     cache: DrapeCache
     cost: Cost = field(default_factory=Cost)
-    _solvers: dict[GridMesh, Solver] = field(default_factory=dict, repr=False)
 
     def put_up(
         self, mesh: GridMesh, fabric: FabricParameters, scene: SimulationScene, seed: int, jitter: Jitter = NO_JITTER
@@ -65,7 +76,7 @@ class Simulator:
         if cached is not None:
             return cached
         began = time.process_time()
-        drape = self._solver(mesh).solve(
+        drape = solver_of(mesh).solve(
             fabric, scene.setup, seed=seed, jitter=jitter, mechanics=scene.mechanics, time_limit_s=TIME_LIMIT_S
         )
         return self._keep(key, drape, began)
@@ -78,7 +89,7 @@ class Simulator:
         if cached is not None:
             return cached
         began = time.process_time()
-        drape = self._solver(mesh).solve(
+        drape = solver_of(mesh).solve(
             fabric,
             scene.setup,
             start=start.drape,
@@ -103,7 +114,7 @@ class Simulator:
             return cached
         began = time.process_time()
         current = start.drape
-        solver = self._solver(mesh)
+        solver = solver_of(mesh)
         for turn in range(ROUNDS):
             target, seen = warp_to_picture(current, scene, depth)
             origin = self.shaped(mesh, target).drape if turn == 0 else current
@@ -148,8 +159,3 @@ class Simulator:
         self.cost.seconds += time.process_time() - began
         self.cache.put(key, drape)
         return KeyedDrape(drape, key)
-
-    def _solver(self, mesh: GridMesh) -> Solver:
-        if mesh not in self._solvers:
-            self._solvers[mesh] = Solver(mesh)
-        return self._solvers[mesh]

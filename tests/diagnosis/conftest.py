@@ -45,7 +45,8 @@ def make_set(tmp_path_factory: pytest.TempPathFactory, shelf: DrapeCache) -> Mak
 def explain(shelf: DrapeCache) -> Diagnose:
     """Diagnose a set with a few effects."""
 
-    def run(captures: CaptureSet, *, effects: tuple[str, ...] = CANDIDATES) -> Diagnosis:
-        return diagnose(captures, DiagnosisOptions(effects=effects, resolution_m=0.02), cache=shelf)
+    def run(captures: CaptureSet, *, effects: tuple[str, ...] = CANDIDATES, workers: int = 1) -> Diagnosis:
+        options = DiagnosisOptions(effects=effects, resolution_m=0.02, workers=workers)
+        return diagnose(captures, options, cache=shelf)
 
     return run

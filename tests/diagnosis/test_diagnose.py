@@ -45,6 +45,15 @@ def test_a_draft_is_named(drafty: GapReport) -> None:
     assert drafty.shrinkage.after < drafty.shrinkage.before
 
 
+def test_two_workers_find_what_one_finds(make_set: MakeSet, explain: Diagnose) -> None:
+    captures = make_set("air_draft=0.3")
+    explain(captures)
+    alone, together = explain(captures), explain(captures, workers=2)
+    assert together.looks["f1"].found  # simulated by another process, and come back
+    reports = [found.report.model_dump(exclude={"cost": {"seconds"}}) for found in (alone, together)]
+    assert reports[0] == reports[1]
+
+
 def test_noise_of_the_sensor_is_named_though_the_cloth_is_as_simulated(make_set: MakeSet, explain: Diagnose) -> None:
     report = explain(make_set("range_noise=0.003")).report
     assert report.cause.top == "range_noise"

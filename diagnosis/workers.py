@@ -1,0 +1,61 @@
+"""Fabrics side by side, in processes of their own where there is more than one worker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from types import TracebackType
+from typing import TypeVar
+
+Given = TypeVar("Given")
+Made = TypeVar("Made")
+
+
+class Workers:
+    """Processes that are started when first needed; with one worker, the calling process.
+
+    A context manager: the processes end with it.
+    """
+
+    def __init__(self, count: int = 1) -> None:
+        self.count = count
+        self._pool: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+            self._pool = None
+
+    def map(
+        self, work: Callable[[Given], Made], items: Sequence[Given], on_done: Callable[[float], None] | None = None
+    ) -> list[Made]:
+        """What ``work`` makes of every item, in their order.
+
+        Args:
+            work: a function that can be pickled (as can items and what is made) where there are several workers.
+            items: one for each call.
+            on_done: called with 1 for every item that is done.
+        """
+        told = on_done or (lambda _: None)
+        if self.count <= 1 or len(items) <= 1:
+            made = []
+            for item in items:
+                made.append(work(item))
+                told(1.0)
+            return made
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(self.count, mp_context=get_context("spawn"))
+        futures = [self._pool.submit(work, item) for item in items]
+        for _ in as_completed(futures):
+            told(1.0)
+        return [future.result() for future in futures]
+
+
+ALONE = Workers(1)
+"""The calling process."""

@@ -1,0 +1,43 @@
+"""Work on fabrics, in this process or in others."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from pathlib import Path
+
+from diagnosis.drape_cache import DrapeCache
+from diagnosis.simulator import Simulator, solver_of
+from diagnosis.workers import Workers
+from simcore.mesh import GridMesh
+
+
+def where(item: int) -> tuple[int, int]:
+    return item, os.getpid()
+
+
+def test_one_worker_is_the_calling_process() -> None:
+    done: list[float] = []
+    with Workers(1) as workers:
+        assert workers.map(where, [3, 1, 2], done.append) == [(k, os.getpid()) for k in (3, 1, 2)]
+    assert done == [1.0, 1.0, 1.0]
+
+
+def test_two_workers_keep_the_order_and_end_with_their_work() -> None:
+    done: list[float] = []
+    with Workers(2) as workers:
+        made = workers.map(where, [3, 1, 2], done.append) + workers.map(where, [5, 4])
+    assert [item for item, _ in made] == [3, 1, 2, 5, 4]
+    processes = {process for _, process in made}
+    assert os.getpid() not in processes
+    assert len(processes) <= 2
+    assert len(done) == 3
+    assert not any(Path(f"/proc/{process}").exists() for process in processes)
+
+
+def test_a_simulator_travels_without_its_solvers(tmp_path: Path) -> None:
+    simulator = Simulator(DrapeCache(tmp_path))
+    mesh = GridMesh(0.05)
+    assert solver_of(mesh) is solver_of(GridMesh(0.05))
+    arrived = pickle.loads(pickle.dumps(simulator))
+    assert arrived == simulator
