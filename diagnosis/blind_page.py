@@ -25,6 +25,11 @@ AIMS = (
     ("shrinkage_covered", "share closed on further, sealed captures inside the stated 90 % interval", "0.85 to 0.95"),
 )
 
+TRAINED = (
+    "Classifier: a random forest on residuals, trained on cases assembled from the responses of another check's "
+    "fabrics and seeds. "
+)
+
 
 def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: Score) -> str:
     """All tables of the check; every case is listed."""
@@ -63,8 +68,8 @@ def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: S
         f"| this diagnosis | {score.top1} |",
         *(f"| {name.replace('_', ' ')} | {share} |" for name, share in score.baselines.items()),
         "",
-        "Classifier: a random forest on residuals, trained on cases assembled from the responses of another check's "
-        "fabrics and seeds. Nearest template: largest cosine between residual and an effect's response. Least "
+        f"{TRAINED if 'classifier' in score.baselines else ''}"
+        "Nearest template: largest cosine between residual and an effect's response. Least "
         "residual: the effect that leaves least, size free. Most flexible: always the effect that explains most. "
         "Maximum mean discrepancy (as in sbi's misspecification test) names nothing; it alarms at p < 0.05 in "
         f"{_mmd_line(answers)}.",
