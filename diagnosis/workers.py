@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from types import TracebackType
 from typing import TypeVar
+
+from simcore.errors import SimulationError
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
@@ -15,6 +18,7 @@ Made = TypeVar("Made")
 class Workers:
     """Processes that are started when first needed; with one worker, the calling process.
 
+    Unlike those of :mod:`metric.workers` they stay for several rounds, so that each compiles its kernels once.
     A context manager: the processes end with it.
     """
 
@@ -41,6 +45,10 @@ class Workers:
             work: a function that can be pickled (as can items and what is made) where there are several workers.
             items: one for each call.
             on_done: called with 1 for every item that is done.
+
+        Raises:
+            SimulationError: a process died.
+            Exception: whatever ``work`` raised.
         """
         told = on_done or (lambda _: None)
         if self.count <= 1 or len(items) <= 1:
@@ -51,10 +59,16 @@ class Workers:
             return made
         if self._pool is None:
             self._pool = ProcessPoolExecutor(self.count, mp_context=get_context("spawn"))
-        futures = [self._pool.submit(work, item) for item in items]
-        for _ in as_completed(futures):
-            told(1.0)
-        return [future.result() for future in futures]
+        try:
+            futures = [self._pool.submit(work, item) for item in items]
+            for _ in as_completed(futures):
+                told(1.0)
+            return [future.result() for future in futures]
+        except BrokenProcessPool:
+            raise SimulationError(
+                "a worker process died: the machine may be out of memory; try fewer --workers or a coarser --resolution",
+                code="worker_died",
+            ) from None
 
 
 ALONE = Workers(1)

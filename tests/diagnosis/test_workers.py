@@ -6,9 +6,12 @@ import os
 import pickle
 from pathlib import Path
 
+import pytest
+
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.simulator import Simulator, solver_of
 from diagnosis.workers import Workers
+from simcore.errors import SimulationError
 from simcore.mesh import GridMesh
 
 
@@ -33,6 +36,15 @@ def test_two_workers_keep_the_order_and_end_with_their_work() -> None:
     assert len(processes) <= 2
     assert len(done) == 3
     assert not any(Path(f"/proc/{process}").exists() for process in processes)
+
+
+def die(item: int) -> int:
+    os._exit(item)
+
+
+def test_a_worker_that_dies_is_one_clear_error() -> None:
+    with Workers(2) as workers, pytest.raises(SimulationError, match="a worker process died"):
+        workers.map(die, [3, 4])
 
 
 def test_a_simulator_travels_without_its_solvers(tmp_path: Path) -> None:
