@@ -66,7 +66,8 @@ class Workers:
             return [future.result() for future in futures]
         except BrokenProcessPool:
             raise SimulationError(
-                "a worker process died: the machine may be out of memory; try fewer --workers or a coarser --resolution",
+                "a worker process died: the machine may be out of memory; "
+                "try fewer --workers or a coarser --resolution",
                 code="worker_died",
             ) from None
 
