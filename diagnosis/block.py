@@ -48,7 +48,7 @@ class Block:
         owner: which of ``captures`` it belongs to, [n].
         jacobian: change for one stated standard deviation of each parameter [m], [7, n].
         pins: change for each pin moved along x and y [m/m], [2 pins, n].
-        warps: change for each linear warp of the picture [m], [4, n].
+        warps: change for each linear warp of the picture, forward, then backward [m], [8, n].
     """
 
     fabric: str

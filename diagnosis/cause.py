@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.block import Block, PixelBlock
@@ -29,8 +28,6 @@ REMAINDER_SHARE = 0.5
 """Of ``unknown``: something that shows in what is common to all fabrics, alone or beside an effect."""
 REFERENCE_ROUNDS = 4
 """So often another explanation may turn out to be the best one when all are held against it."""
-BY_CHANCE_NATS = 6.0
-"""A mixture may gain so much where nothing is there: simulators differ for no reason, and differently each time."""
 TOLERATED = 0.7
 """Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
 
@@ -210,25 +207,23 @@ def _besides(
     mixture = Mixture.of(effects, blocks, model)
     calm = np.zeros((1, len(pixels.measured)))
 
-    def gains(
-        left: Sequence[Block], seen: PixelBlock, granted: Sequence[NDArray[np.float64]] | None = None
-    ) -> NDArray[np.float64]:
-        shared = pixel_unknown(seen, model) - float(pixel_log_likelihood(seen, calm, model)[0])
-        return np.array([mixture.gain([block.stated.measured for block in left], granted), shared])
+    def shared(seen: PixelBlock) -> float:
+        return pixel_unknown(seen, model) - float(pixel_log_likelihood(seen, calm, model)[0])
 
-    def either(log_evidence: float, gain: NDArray[np.float64]) -> float:
-        return log_evidence + float(logsumexp([*gain, gain.sum()], b=[0.5, 0.25, 0.25]))
+    def either(mixed: float, numbers: float) -> float:
+        return float(logsumexp([mixed, numbers, mixed + numbers], b=[0.5, 0.25, 0.25]))
 
-    alone = gains(blocks, pixels)
-    found = [either(evidence["none"].log_evidence, alone - [BY_CHANCE_NATS, 0.0]) + np.log(0.5)]
+    alone, numbers = mixture.gain([block.stated.measured for block in blocks]), shared(pixels)
+    found = [evidence["none"].log_evidence + either(mixture.evidence(alone), numbers) + np.log(0.5)]
     rest = sum(share for name, share in shares.items() if name not in NOT_EFFECTS)
     usable = [name for name in effects if not get_effect(name).random_repeats]
     for name in sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
         size = evidence[name].size
         own = [responses_at_place(block.stated.responses, name, size) for block in blocks]
-        left = gains([without(block, name, size) for block in blocks], pixels_without(pixels, name, size), own)
-        more = left - TOLERATED * np.maximum(alone, 0.0)
-        found.append(either(evidence[name].log_evidence, more) + np.log(0.5 * shares[name] / rest))
+        left = mixture.gain([without(block, name, size).stated.measured for block in blocks], own)
+        mixed = mixture.evidence(left, beside=TOLERATED * max(0.0, float(alone.max())))
+        beside = shared(pixels_without(pixels, name, size)) - TOLERATED * max(0.0, numbers)
+        found.append(evidence[name].log_evidence + either(mixed, beside) + np.log(0.5 * shares[name] / rest))
     return float(logsumexp(found))
 
 

@@ -16,10 +16,13 @@ DIRECTIONS = np.eye(4).reshape(4, 2, 2)
 
 
 def warp_responses(reference: Reference, camera: Camera) -> NDArray[np.float64]:
-    """Half the difference between a picture warped forward and backward by :data:`WARP` about the optical axis [m].
+    """What changes when a picture is warped by :data:`WARP` about the optical axis [m], each way for itself.
+
+    A picture that shrinks shows the panel where the cloth's rim was; one that grows shows cloth beside it.
 
     Returns:
-        float64 [4, cells + ring + 3]: as :meth:`diagnosis.features.Features.vector`; zero where nothing is seen.
+        float64 [8, cells + ring + 3]: as :meth:`diagnosis.features.Features.vector`, four forward, then the same four
+        backward; zero where nothing is seen.
     """
     centre = np.array([camera.cy, camera.cx])
 
@@ -27,7 +30,7 @@ def warp_responses(reference: Reference, camera: Camera) -> NDArray[np.float64]:
         picture = warped(reference.depth, np.eye(2) + change, centre)
         return clean(measure(picture, reference, with_pixels=False).vector())
 
-    return np.stack([0.5 * (seen(WARP * way) - seen(-WARP * way)) for way in DIRECTIONS])
+    return np.stack([seen(sign * WARP * way) for sign in (1, -1) for way in DIRECTIONS])
 
 
 def warped(depth: NDArray[np.float32], matrix: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float32]:

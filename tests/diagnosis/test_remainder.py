@@ -12,12 +12,13 @@ import pytest
 from diagnosis import refinement
 from diagnosis.block import Block, PixelBlock, View
 from diagnosis.cause import Cause, name_cause
+from diagnosis.changes import rim_forms
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence, smooth_modes
 from diagnosis.features import PLANE_NAMES
 from diagnosis.likelihood import LikelihoodModel
-from diagnosis.reference import CELLS
+from diagnosis.reference import CELLS, cell_centres
 from diagnosis.remainder import Mixture
 from diagnosis.sizes import node_weights, nodes
 from diagnosis.subtract import responses_at_place, without
@@ -39,7 +40,8 @@ def linear_responses(name: str, rng: np.random.Generator) -> np.ndarray:
 def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,) * FABRICS) -> list[Block]:
     """Fabrics with responses of random form, some of which show a change; errors of 0.3 mm.
 
-    ``change``: an effect's name, or "smooth" for a form that no effect has, of 1.2 mm.
+    ``change``: an effect's name, "smooth" for a form that no effect has, of 1.2 mm, or a family of changes: "rim" for
+    an edge that is lifted by 0.9 mm, "picture" and "pins" for one of theirs.
     """
     rng = np.random.default_rng(7)
     form = 0.0012 * smooth_modes()[:COUNT] @ rng.standard_normal(smooth_modes().shape[1]) / 3.0
@@ -47,15 +49,21 @@ def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,)
     for fabric in range(FABRICS):
         rows = {name: linear_responses(name, rng) for name in EFFECTS}
         measured = rng.standard_normal(COUNT)
-        if fabric in shown and change == "smooth":
-            measured = measured + form / ERROR_M
-        elif fabric in shown and change is not None:
-            measured = measured + node_weights(get_effect(change), {SCALAR: 0.3}) @ rows[change]
-        view = View(measured, rows, {}, ERROR_M * np.eye(COUNT), COUNT * float(np.log(ERROR_M)))
         moved = 0.3 * rng.standard_normal((pins[fabric], COUNT))
         owner, cell = np.zeros(COUNT, dtype=np.intp), np.arange(COUNT)
         parameters = 1e-4 * rng.standard_normal((7, COUNT))
-        warps = 1e-4 * rng.standard_normal((4, COUNT))
+        warps = 1e-4 * rng.standard_normal((8, COUNT))
+        of_family = {
+            "smooth": form,
+            "rim": 0.0009 * rim_forms()[:COUNT, 0],
+            "picture": 3.0 * warps[5],
+            "pins": 0.001 * moved[2],
+        }
+        if fabric in shown and change in of_family:
+            measured = measured + of_family[change] / ERROR_M
+        elif fabric in shown and change is not None:
+            measured = measured + node_weights(get_effect(change), {SCALAR: 0.3}) @ rows[change]
+        view = View(measured, rows, {}, ERROR_M * np.eye(COUNT), COUNT * float(np.log(ERROR_M)))
         blocks.append(Block(f"f{fabric}", "stretch", ("a",), view, view, cell, owner, parameters, moved, warps))
     return blocks
 
@@ -65,8 +73,13 @@ def quiet(numbers: int = 1) -> PixelBlock:
     return PixelBlock(np.zeros(numbers), rows, sensor_known=False)
 
 
+def gains(blocks: list[Block]) -> dict[str, float]:
+    mixture = Mixture.of(EFFECTS, blocks, LikelihoodModel())
+    return dict(zip(mixture.families, mixture.gain([block.stated.measured for block in blocks]), strict=True))
+
+
 def gain(blocks: list[Block]) -> float:
-    return Mixture.of(EFFECTS, blocks, LikelihoodModel()).gain([block.stated.measured for block in blocks])
+    return gains(blocks)["all"]
 
 
 def test_a_form_that_all_fabrics_show_is_predicted_from_the_others() -> None:
@@ -75,7 +88,31 @@ def test_a_form_that_all_fabrics_show_is_predicted_from_the_others() -> None:
 
 @pytest.mark.parametrize("shown", [range(0), range(1)])
 def test_chance_or_one_fabric_alone_predicts_nothing(shown: Sequence[int]) -> None:
-    assert gain(fabrics(shown, "smooth")) < 0.0
+    assert max(gains(fabrics(shown, "smooth")).values()) < 0.0
+
+
+@pytest.mark.parametrize("family", ["rim", "picture", "pins"])
+def test_a_change_shows_most_in_its_own_family_and_in_no_other(family: str) -> None:
+    found = gains(fabrics(range(FABRICS), family))
+    assert found[family] > found["all"] > 5.0
+    assert max(value for name, value in found.items() if name not in (family, "all")) < 0.0
+
+
+@pytest.mark.parametrize("family", ["rim", "picture", "pins"])
+def test_what_few_changes_find_in_all_fabrics_is_unknown(family: str) -> None:
+    assert name_cause(EFFECTS, fabrics(range(FABRICS), family), quiet()).top == "unknown"
+
+
+def test_another_simulators_smooth_form_is_no_family_of_its_own() -> None:
+    assert "forms" not in gains(fabrics(range(FABRICS), None))
+
+
+def test_the_rim_is_raised_along_each_edge() -> None:
+    rims = rim_forms()
+    assert rims.shape == (len(cell_centres()), 8) and not rims[COUNT:].any()
+    top = rims[:COUNT, 0].reshape(CELLS, CELLS)
+    assert top[0].all() and not top[1:].any()
+    np.testing.assert_allclose(rims[:COUNT, 1].reshape(CELLS, CELLS)[0], np.linspace(-1, 1, 2 * CELLS + 1)[1::2])
 
 
 def test_fabrics_whose_pins_differ_in_number_can_still_be_mixed() -> None:
@@ -83,7 +120,7 @@ def test_fabrics_whose_pins_differ_in_number_can_still_be_mixed() -> None:
 
 
 def test_one_fabric_predicts_nothing() -> None:
-    assert gain(fabrics(range(FABRICS), "smooth")[:1]) == -np.inf
+    assert set(gains(fabrics(range(FABRICS), "smooth")[:1]).values()) == {-np.inf}
 
 
 def test_what_an_effect_of_another_size_would_change_is_granted() -> None:
@@ -93,7 +130,7 @@ def test_what_an_effect_of_another_size_would_change_is_granted() -> None:
     left = [without(block, "air_draft", small).stated.measured for block in blocks]
     own = [responses_at_place(block.stated.responses, "air_draft", small) for block in blocks]
     mixture = Mixture.of(EFFECTS, blocks, LikelihoodModel())
-    assert mixture.gain(left) > 5.0 and mixture.gain(left, own) < 0.0
+    assert mixture.gain(left)[0] > 5.0 and mixture.gain(left, own).max() < 0.0
 
 
 def test_responses_at_a_place_are_those_of_that_place_alone() -> None:
