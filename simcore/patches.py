@@ -65,7 +65,8 @@ class _Part(Factorisation):
         counts = np.bincount(number[rows[kept]], minlength=int(free.sum()))
         self._kept = np.flatnonzero(kept)
         self._free = np.flatnonzero(free)
-        super().__init__(np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), number[indices[kept]])
+        indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        super().__init__(indptr, number[indices[kept]], single=True)
 
     def factor(self, values: Array) -> int:
         """See :meth:`Factorisation.factor`."""
