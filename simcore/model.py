@@ -42,6 +42,9 @@ class Model:
         self._stencil = zeros((most, rows, columns, 7, 3, 3))
         self._energies, self._gradients = Launch(kernels.energies), Launch(kernels.gradients)
         self._hessians = Launch(kernels.hessians)
+        self._curl_energies = Launch(curl_kernels.curl_energies)
+        self._curl_gradients = Launch(curl_kernels.curl_gradients)
+        self._curl_hessians = Launch(curl_kernels.curl_hessians)
         self._curl: Any = None
         self._curl_blocks: Any = None
 
@@ -66,7 +69,7 @@ class Model:
             out,
         )  # fmt: skip
         if cloths.moments is not None:
-            curl_kernels.curl_energies(which, x, cloths.moments, parts, out)
+            self._curl_energies(which, x, cloths.moments, parts, out)
         self._after()
         return out
 
@@ -81,7 +84,7 @@ class Model:
         if cloths.moments is not None:
             if self._curl is None:
                 self._curl = self._zeros((*self._parts.shape, 3, 3))
-            curl_kernels.curl_gradients(which, x, cloths.moments, cloths.fixed, self._curl[: len(x)], out)
+            self._curl_gradients(which, x, cloths.moments, cloths.fixed, self._first(self._curl, x), out)
         self._after()
         return out
 
@@ -102,6 +105,6 @@ class Model:
         if cloths.moments is not None and float(blend.max()) > 0.0:
             if self._curl_blocks is None:
                 self._curl_blocks = self._zeros((*self._parts.shape, 5, 3, 3))
-            curl_kernels.curl_hessians(which, x, cloths.moments, blend, cloths.fixed, self._curl_blocks[: len(x)], out)
+            self._curl_hessians(which, x, cloths.moments, blend, cloths.fixed, self._first(self._curl_blocks, x), out)
         self._after()
         return out
