@@ -13,9 +13,9 @@ class Launch:
     """Calls one kernel again and again, mostly with the arrays of the last call.
 
     Taichi takes 100 to 130 microseconds to look over ten arrays at every launch, as much as the work on a 26 x 26 grid.
-    Here the arguments of the last launch are kept, and only arrays that are others are told anew. The kernel's arguments
-    must all be arrays. Arrays that are not NumPy's, other processors and other versions of Taichi take the kernel's own
-    call. Not thread-safe.
+    Here the arguments of the last launch are kept, and only arrays that are others are told anew. The kernel's
+    arguments must all be arrays. Arrays that are not NumPy's, other processors and other versions of Taichi take the
+    kernel's own call. Not thread-safe.
     """
 
     def __init__(self, kernel: Any) -> None:
