@@ -54,7 +54,10 @@ def only(level: Level, mask: NDArray[np.bool_]) -> Iterator[None]:
 
 
 class _Part(Factorisation):
-    """Factorisation of the rows and columns of free vertices; takes and gives what the whole would."""
+    """Factorisation of the rows and columns of free vertices; takes and gives what the whole would.
+
+    In single precision: a patch only leads on, nothing is certified on it.
+    """
 
     def __init__(self, level: Level, mask: NDArray[np.bool_]) -> None:
         indptr, indices, _ = level.grid.pattern
