@@ -89,10 +89,11 @@ def gradients(
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
     for n, j, i in ti.ndrange(count, rows - 1, columns - 1):
         b = which[n]
-        da, db, dq = cell_forces(x, settings_of(settings, b), hourglass[b, j, i], n, j, i)
-        cells[n, j, i, 0] = da
-        cells[n, j, i, 1] = db
-        cells[n, j, i, 2] = dq
+        if any_free(fixed, b, j, i):
+            da, db, dq = cell_forces(x, settings_of(settings, b), hourglass[b, j, i], n, j, i)
+            cells[n, j, i, 0] = da
+            cells[n, j, i, 1] = db
+            cells[n, j, i, 2] = dq
     for n, j, i in ti.ndrange(count, rows, columns):
         b = which[n]
         total = vec3(0.0, 0.0, 0.0)
@@ -110,6 +111,12 @@ def gradients(
 
 
 @ti.func
+def any_free(fixed: ti.template(), b, j, i):
+    """A corner of cell (j, i) is not held: what the cell does is of no consequence otherwise."""
+    return fixed[b, j, i] + fixed[b, j, i + 1] + fixed[b, j + 1, i] + fixed[b, j + 1, i + 1] < 4
+
+
+@ti.func
 def form_product(x: ti.template(), k: ti.template(), n, b, j, i):
     """Row of the 13-point form times the positions, from differences of positions: its rows add up to zero."""
     rows, columns = x.shape[1], x.shape[2]
@@ -121,26 +128,6 @@ def form_product(x: ti.template(), k: ti.template(), n, b, j, i):
         if j - dj >= 0 and i - di < columns and i - di >= 0:
             total += k[b, j - dj, i - di, m] * (x[n, j - dj, i - di] - here)
     return total
-
-
-@ti.func
-def corner_block(cell: ti.template(), n, cj, ci, j0, i0, j1, i1):
-    """Block of cell (cj, ci) between its corners (j0, i0) and (j1, i1), each 0 or 1."""
-    a0, b0 = 2.0 * i0 - 1.0, 2.0 * j0 - 1.0
-    a1, b1 = 2.0 * i1 - 1.0, 2.0 * j1 - 1.0
-    q0, q1 = a0 * b0, a1 * b1
-    ab, aq, bq = cell[n, cj, ci, 1], cell[n, cj, ci, 2], cell[n, cj, ci, 4]
-    return (
-        a0 * a1 * cell[n, cj, ci, 0]
-        + a0 * b1 * ab
-        + b0 * a1 * ab.transpose()
-        + a0 * q1 * aq
-        + q0 * a1 * aq.transpose()
-        + b0 * b1 * cell[n, cj, ci, 3]
-        + b0 * q1 * bq
-        + q0 * b1 * bq.transpose()
-        + q0 * q1 * cell[n, cj, ci, 5]
-    )
 
 
 @ti.kernel
@@ -167,7 +154,8 @@ def hessians(
     eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     for n, j, i in ti.ndrange(count, rows - 1, columns - 1):
         b = which[n]
-        cell_blocks(x, settings_of(settings, b), hourglass[b, j, i], blend[n], n, j, i, cells)
+        if any_free(fixed, b, j, i):
+            cell_blocks(x, settings_of(settings, b), hourglass[b, j, i], blend[n], n, j, i, cells)
     for n, j, i in ti.ndrange(count, rows, columns):
         b = which[n]
         s = settings_of(settings, b)
@@ -180,14 +168,28 @@ def hessians(
         if held:
             out[n, j, i, 0] = ti.max(s[K_WEFT], ti.max(s[K_WARP], s[K_BIAS])) * eye
         else:
-            out[n, j, i, 0] += shift[n, j, i] * eye + panel_blocks(x[n, j, i], panel, s, blend[n], b, j, i)
-            for oj, oi, cj, ci in ti.ndrange(2, 2, 2, 2):
-                # this vertex is corner (oj, oi) of a cell, the other one its corner (cj, ci); loops that are not
-                # unrolled halve the time of compilation and cost nothing
-                dj, di = cj - oj, ci - oi
+            own = shift[n, j, i] * eye + panel_blocks(x[n, j, i], panel, s, blend[n], b, j, i)
+            right, below = mat3(0.0), mat3(0.0)
+            for oj, oi in ti.ndrange(2, 2):
+                # this vertex is corner (oj, oi) of a cell; ``across`` is the block to the opposite corner below
                 mj, mi = j - oj, i - oi
-                after = dj > 0 or (dj == 0 and di >= 0)
-                if after and mj >= 0 and mi >= 0 and mj < rows - 1 and mi < columns - 1:
-                    where = ti.select(dj == 0, di, 4 + di)
-                    if fixed[b, j + dj, i + di] == 0:
-                        out[n, j, i, where] += corner_block(cells, n, mj, mi, oj, oi, cj, ci)
+                if mj >= 0 and mi >= 0 and mj < rows - 1 and mi < columns - 1:
+                    sa, sb = 2.0 * oi - 1.0, 2.0 * oj - 1.0
+                    aa, ab, aq = cells[n, mj, mi, 0], cells[n, mj, mi, 1], cells[n, mj, mi, 2]
+                    bb, bq, qq = cells[n, mj, mi, 3], cells[n, mj, mi, 4], cells[n, mj, mi, 5]
+                    ab_even, ab_odd = ab + ab.transpose(), ab - ab.transpose()
+                    aq_even, aq_odd = aq + aq.transpose(), aq - aq.transpose()
+                    bq_even, bq_odd = bq + bq.transpose(), bq - bq.transpose()
+                    own += aa + bb + qq + sa * sb * ab_even + sb * aq_even + sa * bq_even
+                    if oi == 0:
+                        right += bb - aa - qq - sb * (ab_odd + aq_even) + bq_odd
+                    if oj == 0:
+                        below += aa - bb - qq + sa * (ab_odd - bq_even) + aq_odd
+                        if fixed[b, j + 1, i + 1 - 2 * oi] == 0:
+                            across = qq - aa - bb + sa * (ab_even + bq_odd) - aq_odd
+                            out[n, j, i, 5 - 2 * oi] += across
+            out[n, j, i, 0] += own
+            if i + 1 < columns and fixed[b, j, ti.min(i + 1, columns - 1)] == 0:
+                out[n, j, i, 1] += right
+            if j + 1 < rows and fixed[b, ti.min(j + 1, rows - 1), i] == 0:
+                out[n, j, i, 4] += below

@@ -19,7 +19,7 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 import taichi as ti
 
-__all__ = ["start", "ti"]
+__all__ = ["on_cpu", "start", "ti"]
 
 _started: str | None = None
 
@@ -42,6 +42,11 @@ def start(arch: str | None = None) -> Any:
     elif _started != arch:
         raise RuntimeError(f"Taichi runs on {_started} in this process; start another process for {arch}")
     return ti
+
+
+def on_cpu() -> bool:
+    """The runtime of this process runs on the CPU."""
+    return _started == "cpu"
 
 
 def _initialise(arch: str) -> None:

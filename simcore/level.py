@@ -22,8 +22,6 @@ from simcore.pardiso import Factorisation
 from simcore.self_contact import SelfContact
 
 Array = NDArray[np.float64]
-ROUGH_FROM = 2000
-"""Vertices of a grid beyond which directions far from rest come from a factorisation in single precision."""
 
 
 class Level:
@@ -38,11 +36,7 @@ class Level:
         self.forms = BendingForms.of(grid)
         self._indptr, self._indices, self._taken = grid.pattern
         self.exact = Factorisation(self._indptr, self._indices)
-        self.rough = (
-            Factorisation(self._indptr, self._indices, single=True)
-            if grid.rows * grid.columns > ROUGH_FROM
-            else self.exact
-        )
+        self.rough = Factorisation(self._indptr, self._indices, single=True)
         self._factored = self.exact
         self._model = Model(grid, 1, np.zeros)
         self._which = np.zeros(1, dtype=np.int32)
@@ -119,7 +113,7 @@ class Level:
             return self._factor_touching(values, touching)
         self._factored, other = (self.rough, self.exact) if rough else (self.exact, self.rough)
         if other is not self._factored:
-            other.forget()  # on 5 mm cells 57 MB, or 29 in single precision
+            other.forget()  # on 5 mm cells 50 MB, or 25 in single precision
         return self._factored.factor(values)
 
     def _factor_touching(self, values: Array, touching: Any) -> int:

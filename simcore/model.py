@@ -8,6 +8,7 @@ from typing import Any
 from simcore import curl_kernels, kernels
 from simcore.cloths import Cloths
 from simcore.grid import Grid
+from simcore.launch import Launch
 
 
 def _nothing() -> None:
@@ -39,8 +40,18 @@ class Model:
         self._forces = zeros((most, rows - 1, columns - 1, 3, 3))
         self._blocks = zeros((most, rows - 1, columns - 1, 6, 3, 3))
         self._stencil = zeros((most, rows, columns, 7, 3, 3))
+        self._energies, self._gradients = Launch(kernels.energies), Launch(kernels.gradients)
+        self._hessians = Launch(kernels.hessians)
+        self._curl_energies = Launch(curl_kernels.curl_energies)
+        self._curl_gradients = Launch(curl_kernels.curl_gradients)
+        self._curl_hessians = Launch(curl_kernels.curl_hessians)
         self._curl: Any = None
         self._curl_blocks: Any = None
+
+    @staticmethod
+    def _first(scratch: Any, x: Any) -> Any:
+        """As many leading entries as there are positions; the whole is handed over itself, which launches cheaper."""
+        return scratch if len(scratch) == len(x) else scratch[: len(x)]
 
     def energies(self, cloths: Cloths, which: Any, x: Any) -> Any:
         """[J], shape [n]; ``panel_kernels.BEHIND`` and more where a vertex is behind the panel.
@@ -51,14 +62,14 @@ class Model:
             x: positions [n, rows, columns, 3].
         """
         out = self._zeros((len(x),))
-        parts = self._parts[: len(x)]
+        parts = self._first(self._parts, x)
         self._before()
-        kernels.energies(
+        self._energies(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.load, cloths.fixed, cloths.panel, parts,
             out,
         )  # fmt: skip
         if cloths.moments is not None:
-            curl_kernels.curl_energies(which, x, cloths.moments, parts, out)
+            self._curl_energies(which, x, cloths.moments, parts, out)
         self._after()
         return out
 
@@ -66,14 +77,14 @@ class Model:
         """Derivatives of the energies [N], zero where held, [n, rows, columns, 3]."""
         out = self._zeros(tuple(x.shape))
         self._before()
-        kernels.gradients(
+        self._gradients(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.load, cloths.fixed, cloths.panel,
-            self._forces[: len(x)], out,
+            self._first(self._forces, x), out,
         )  # fmt: skip
         if cloths.moments is not None:
             if self._curl is None:
                 self._curl = self._zeros((*self._parts.shape, 3, 3))
-            curl_kernels.curl_gradients(which, x, cloths.moments, cloths.fixed, self._curl[: len(x)], out)
+            self._curl_gradients(which, x, cloths.moments, cloths.fixed, self._first(self._curl, x), out)
         self._after()
         return out
 
@@ -85,15 +96,15 @@ class Model:
             blend: of each, 1 for the exact Hessian, 0 for one that is positive semi-definite [n].
             shift: added to the diagonal [n, rows, columns].
         """
-        out = self._stencil[: len(x)]
+        out = self._first(self._stencil, x)
         self._before()
-        kernels.hessians(
+        self._hessians(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.fixed, cloths.panel, blend, shift,
-            self._blocks[: len(x)], out,
+            self._first(self._blocks, x), out,
         )  # fmt: skip
         if cloths.moments is not None and float(blend.max()) > 0.0:
             if self._curl_blocks is None:
                 self._curl_blocks = self._zeros((*self._parts.shape, 5, 3, 3))
-            curl_kernels.curl_hessians(which, x, cloths.moments, blend, cloths.fixed, self._curl_blocks[: len(x)], out)
+            self._curl_hessians(which, x, cloths.moments, blend, cloths.fixed, self._first(self._curl_blocks, x), out)
         self._after()
         return out

@@ -222,7 +222,10 @@ class Newton:
         return best
 
     def _search(self, x: Array, step: Array, energy: float, slope: float) -> tuple[float, Array, float]:
-        """Backtrack from the longest allowed step until the energy falls enough; 0 when it never does."""
+        """Backtrack from the longest allowed step until the energy falls enough; 0 when it never does.
+
+        The next length is where a parabola through the slope and the last energy is lowest, within a tenth to a half.
+        """
         level = self.level
         if slope >= 0.0:
             return 0.0, x, energy
@@ -234,5 +237,8 @@ class Newton:
             new_energy = level.energy(moved)
             if new_energy <= energy + 1e-4 * length * slope + slack:
                 return length, moved, new_energy
-            length *= 0.5
+            share = 0.5
+            if math.isfinite(new_energy):
+                share = max(0.1, min(0.5, -0.5 * slope * length / (new_energy - energy - slope * length)))
+            length *= share
         return 0.0, x, energy

@@ -54,7 +54,10 @@ def only(level: Level, mask: NDArray[np.bool_]) -> Iterator[None]:
 
 
 class _Part(Factorisation):
-    """Factorisation of the rows and columns of free vertices; takes and gives what the whole would."""
+    """Factorisation of the rows and columns of free vertices; takes and gives what the whole would.
+
+    In single precision: a patch only leads on, nothing is certified on it.
+    """
 
     def __init__(self, level: Level, mask: NDArray[np.bool_]) -> None:
         indptr, indices, _ = level.grid.pattern
@@ -65,7 +68,8 @@ class _Part(Factorisation):
         counts = np.bincount(number[rows[kept]], minlength=int(free.sum()))
         self._kept = np.flatnonzero(kept)
         self._free = np.flatnonzero(free)
-        super().__init__(np.concatenate([[0], np.cumsum(counts)]).astype(np.int32), number[indices[kept]])
+        indptr = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        super().__init__(indptr, number[indices[kept]], single=True)
 
     def factor(self, values: Array) -> int:
         """See :meth:`Factorisation.factor`."""

@@ -138,7 +138,7 @@ def _step(level: Level, x: Array, velocity: Array, inertia: Array, pins: Pins, p
         gradient = level.gradient(x) + inertia[..., None] * (x - goal) * free
         if correction == 0:
             shift = inertia
-            while level.factor(x, 0.0, shift) > 0 and np.isfinite(x).all():
+            while level.factor(x, 0.0, shift, rough=True) > 0 and np.isfinite(x).all():
                 shift = 4.0 * shift
         move = level.solve(-gradient)
         longest = 2.0 * level.grid.hu / max(float(np.abs(move).max()), 1e-12)
