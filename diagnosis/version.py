@@ -1,7 +1,7 @@
 """Version of the diagnosis: goes into every report and into the key of every cached simulation."""
 
 MODEL_VERSION = "drapemeter-diagnosis/6"
-SIMULATION_VERSION = 1
+SIMULATION_VERSION = 2
 """Raised when the solver's results change: cached drapes of another number are not used."""
 RESPONSES_VERSION = 2
 """Raised when what is measured on a simulated picture changes."""
