@@ -24,8 +24,8 @@ ALL = "all"
 SINGLE = ("picture", "pins", "rim")
 """Families that are tried by themselves; smooth forms are not: another simulator shows one for no reason."""
 BY_CHANCE_NATS = {ALL: 6.0, "picture": 3.0, "pins": 3.0, "rim": 6.0}
-"""A mixture may gain so much where nothing unknown is there: simulators differ for no reason, and differently each time;
-a rim is lifted by curvatures of the catalogue, too, whose own responses may be of other folds."""
+"""A mixture may gain so much where nothing unknown is there: simulators differ for no reason, each time otherwise; a
+rim is lifted by curvatures of the catalogue, too, whose own responses may be of other folds."""
 SINGLE_SHARE = 0.5
 """Of mixtures: those of one family."""
 WEIGHTS, SINGLE_WEIGHTS = (0.2, 0.4), (0.4, 1.0)
