@@ -158,6 +158,7 @@ class Level:
             basis = self._factored.solve(orthonormal)
             inverse, turn = np.linalg.eigh(orthonormal @ basis.T)
             basis = turn.T @ basis
+        basis.reshape(count, -1, 3)[:, self.fixed.ravel() == 1] = 0.0  # as in solve
         vectors = basis / np.linalg.norm(basis, axis=1, keepdims=True)
         values = 1.0 / inverse
         order = np.argsort(values)
