@@ -9,17 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.block import Block, whiten
-from diagnosis.effect import Effect
+from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.evidence import smooth_modes
 from diagnosis.reference import CELLS, cell_centres
-from diagnosis.sizes import node_values
+from diagnosis.scene import SimulationScene
+from diagnosis.sizes import node_values, nodes
+from simcore.scenes import Scene, Setup
 
 Array = NDArray[np.float64]
 PARAMETER_SIGMAS, PIN_M, FORM_M = 3.0, 0.003, 0.003
 """Of a change of each parameter, of each pin along each axis, of each form of the cloth or of its rim; effects: their
 typical size; warped pictures: :data:`diagnosis.warps.WARP`."""
-FAMILIES = ("effects", "parameters", "picture", "pins", "forms", "rim")
+FAMILIES = ("effects", "parameters", "picture", "pins", "placed", "forms", "rim")
+"""``placed``: moves of pins that an effect of the catalogue describes."""
 
 
 def changes_of(effects: Sequence[str], blocks: Sequence[Block]) -> tuple[list[Array], dict[str, NDArray[np.intp]]]:
@@ -59,6 +62,7 @@ def _changes(effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int
         "parameters": whiten(view, PARAMETER_SIGMAS * block.jacobian.T).T,
         "picture": whiten(view, block.warps.T).T,
         "pins": by_scene(PIN_M * block.pins, alike),
+        "placed": whiten(view, PIN_M * (_placed(effects, block) @ block.pins).T).T,
         "forms": by_scene(forms, dict.fromkeys(pins, len(forms))),
         "rim": by_scene(rims, dict.fromkeys(pins, len(rims))),
     }
@@ -72,6 +76,33 @@ def _typical(effect: Effect, responses: Mapping[str, Array]) -> Array:
     size = np.abs(node_values(effect))
     middle = int(np.argmin(np.abs(size - np.median(size))))
     return known[[place * len(size) + middle for place in range(len(effect.places))]]
+
+
+def _placed(effects: Sequence[Effect], block: Block) -> Array:
+    """How the catalogue's effects move pins that move nothing else, the largest move being one, [moves, 2 pins]."""
+    scenes = [SimulationScene(Setup.nominal(scene)) for scene in Scene]
+    own = next(number for number, scene in enumerate(Scene) if scene.value == block.scene)
+    found: list[Array] = []
+    for effect in effects:
+        for size in nodes(effect) if effect.stage is Stage.SETUP else []:
+            changed = [effect.apply(scene, size) for scene in scenes]
+            if any(c != scene.with_setup(c.setup) for c, scene in zip(changed, scenes, strict=True)):
+                continue
+            moves = [_pins(c) - _pins(scene) for c, scene in zip(changed, scenes, strict=True)]
+            both = np.concatenate(moves)
+            largest = both[np.argmax(np.abs(both))]
+            if largest != 0.0 and not any(np.allclose(both / largest, other) for other in found):
+                found.append(both / largest)
+    start = sum(len(_pins(scene)) for scene in scenes[:own])
+    rows = [move[start : start + len(_pins(scenes[own]))] for move in found]
+    if any(len(row) != len(block.pins) for row in rows):
+        return np.zeros((len(rows), len(block.pins)))
+    return np.array(rows).reshape(len(rows), len(block.pins))
+
+
+def _pins(scene: SimulationScene) -> Array:
+    """Where the pins are, [2 pins]."""
+    return np.array([place[:2] for place in scene.setup.pins_m.values()], dtype=np.float64).ravel()
 
 
 @cache

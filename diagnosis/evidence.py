@@ -23,7 +23,7 @@ from diagnosis.likelihood import (
     view_log_likelihood,
 )
 from diagnosis.reference import CELLS, cell_centres
-from diagnosis.sizes import fading, grid, interpolation, log_prior, node_values, node_weights, vector_step
+from diagnosis.sizes import fading, forms, grid, interpolation, log_prior, node_values, node_weights, vector_step
 
 Array = NDArray[np.float64]
 UNKNOWN_FACTORS = np.geomspace(1.5, 30.0, 13)
@@ -44,6 +44,8 @@ FURTHER_DRAWS = 0.7
 SIZE_SHARES = {"cloth": 0.2, "camera": 0.15, "scatter": 0.4, "sensor": 0.0}
 """Relative error of a fitted size that all captures share: wrong in form, a simulated response is fitted too short or
 too long everywhere; what moved magnets explain of scatter is missing from it."""
+FADED = 0.5
+"""A size whose prior has faded by more than this is outside its effect's range."""
 SCATTER_FREEDOM = 4.0
 """Degrees of freedom of a smooth random shape."""
 
@@ -58,6 +60,8 @@ class Evidence:
         best: log likelihood at the best size.
         by_fabric: the same fabric by fabric.
         size: most probable size, by component; empty for ``none`` and ``unknown``.
+        usual: the most probable of the sizes inside the effect's range.
+        usual_evidence: log evidence of those alone.
         interval_90: of the components that have a prior.
     """
 
@@ -66,6 +70,8 @@ class Evidence:
     best: float
     by_fabric: dict[str, float]
     size: dict[str, float]
+    usual: dict[str, float]
+    usual_evidence: float
     interval_90: dict[str, tuple[float, float]]
 
 
@@ -105,6 +111,8 @@ class Table:
         evidence = float(logsumexp(posterior))
         top = int(np.argmax(posterior))
         size = self.sizes[top]
+        inside = np.where(self.prior > self.prior.max() - FADED, posterior, -np.inf)
+        usual, usual_evidence = self.sizes[int(np.argmax(inside))], float(logsumexp(inside))
         if self.sigma:
             shared = self.share * float(np.linalg.norm([size[n] for n in self.sigma]))
             half = {n: 1.645 * float(np.hypot(d, shared)) for n, d in self.sigma.items()}
@@ -115,7 +123,8 @@ class Table:
         else:
             interval = {}
         by_fabric = {key: float(value[top]) for key, value in fabrics.items()}
-        return Evidence(self.name, evidence, float(likelihood[top]), by_fabric, size, interval)
+        best = float(likelihood[top])
+        return Evidence(self.name, evidence, best, by_fabric, size, usual, usual_evidence, interval)
 
 
 def tabulate(
@@ -221,19 +230,22 @@ def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:
 
 
 def _tabulate_scalar(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
-    """On a grid of sizes and over the effect's places."""
+    """On a grid of sizes and over the effect's places; each block's response is of one of several forms."""
     sizes = grid(effect)
-    weights = interpolation(effect, sizes)
-    count, places = weights.shape[1], len(effect.places)
+    weights = forms(effect, sizes) if effect.moves_cloth else [interpolation(effect, sizes)]
+    count, places = weights[0].shape[1], len(effect.places)
     slices = [slice(number * count, (number + 1) * count) for number in range(places)]
     values = []
     for block in blocks:
-        rows = []
-        for view in block.views:
-            response = np.concatenate([weights @ view.responses[effect.name][own] for own in slices])
-            rows.append(view_log_likelihood(view.measured - response, response, view.log_det, block.scene, model))
-        values.append(over_views(np.stack(rows), model))
-    seen = np.concatenate([weights @ pixels.responses[effect.name][own] for own in slices])
+        found = []
+        for form in weights:
+            rows = []
+            for view in block.views:
+                response = np.concatenate([form @ view.responses[effect.name][own] for own in slices])
+                rows.append(view_log_likelihood(view.measured - response, response, view.log_det, block.scene, model))
+            found.append(over_views(np.stack(rows), model))
+        values.append(np.asarray(logsumexp(found, axis=0) - np.log(len(found))))
+    seen = np.concatenate([weights[0] @ pixels.responses[effect.name][own] for own in slices])
     return Table(
         effect.name,
         tuple(values),

@@ -70,14 +70,17 @@ def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str) -> Fresh
 
 
 def candidates(cause: Cause) -> list[Sized]:
-    """Effects on cloth or camera that may be the answer, at their best sizes; few of those that must be solved."""
+    """Effects on cloth or camera that may be the answer, at their best usual sizes; few of those that must be solved.
+
+    A response of other folds is fitted best where it vanishes: at a size below the effect's range nothing is learnt.
+    """
     best = max(e.log_evidence for e in cause.evidence.values())
     near = sorted(
-        (e for e in cause.evidence.values() if e.size and e.log_evidence > best - NEAR_NATS),
-        key=lambda e: -e.log_evidence,
+        (e for e in cause.evidence.values() if e.usual and e.usual_evidence > best - NEAR_NATS),
+        key=lambda e: -e.usual_evidence,
     )
-    solved: list[Sized] = [(e.name, e.size) for e in near if is_mechanical(get_effect(e.name))]
-    rendered: list[Sized] = [(e.name, e.size) for e in near if get_effect(e.name).stage is Stage.CAMERA]
+    solved: list[Sized] = [(e.name, e.usual) for e in near if is_mechanical(get_effect(e.name))]
+    rendered: list[Sized] = [(e.name, e.usual) for e in near if get_effect(e.name).stage is Stage.CAMERA]
     return solved[:CANDIDATES] + rendered
 
 

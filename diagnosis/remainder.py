@@ -45,6 +45,7 @@ class Mixture:
         columns: of each block, a row for each change, [k, n].
         grams: their products with each other, [k, k].
         families: of all changes together and of each of :data:`SINGLE`, the numbers of its rows.
+        described: of a family, rows that effects of the catalogue describe: what they alone gain is nothing unknown.
         model: of the likelihood.
     """
 
@@ -52,14 +53,18 @@ class Mixture:
     columns: tuple[Array, ...]
     grams: tuple[Array, ...]
     families: Mapping[str, NDArray[np.intp]]
+    described: Mapping[str, NDArray[np.intp]]
     model: LikelihoodModel
 
     @classmethod
     def of(cls, effects: Sequence[str], blocks: Sequence[Block], model: LikelihoodModel) -> Mixture:
         """Of the catalogue's effects and what is not in it."""
         columns, rows = changes_of(effects, blocks)
-        families = {ALL: np.arange(len(columns[0]))} | {name: rows[name] for name in SINGLE}
-        return cls(tuple(blocks), tuple(columns), tuple(c @ c.T for c in columns), families, model)
+        described = {"pins": rows["placed"]} if len(rows["placed"]) else {}
+        unknown = np.setdiff1d(np.arange(len(columns[0])), rows["placed"])
+        families = {ALL: unknown} | {name: rows[name] for name in SINGLE}
+        grams = tuple(c @ c.T for c in columns)
+        return cls(tuple(blocks), tuple(columns), grams, families, described, model)
 
     def gain(self, left: Sequence[Array], granted: Sequence[Array] | None = None) -> Array:
         """Log likelihood of each fabric by a mixture fitted on the others, over that without; blocks as they count.
@@ -70,7 +75,8 @@ class Mixture:
                 with its size, which may be fitted too small or too large.
 
         Returns:
-            For each of the families, the best of its weights; nothing (-inf) for a single fabric.
+            For each of the families, the best of its weights, without what changes gain that the catalogue describes;
+            nothing (-inf) for a single fabric.
         """
         fabrics = sorted({block.fabric for block in self.blocks})
         if len(fabrics) < 2:
@@ -80,13 +86,13 @@ class Mixture:
             beyond = [own - basis @ (basis.T @ own) for own, basis in zip(left, bases, strict=True)]
             return self._beyond(bases).gain(beyond)
         products = [rows @ own for rows, own in zip(self.columns, left, strict=True)]
-        weights = {name: WEIGHTS if name == ALL else SINGLE_WEIGHTS for name in self.families}
-        return np.array(
-            [
-                max(self._gain(left, products, rows, fabrics, weight) for weight in weights[name])
-                for name, rows in self.families.items()
-            ]
-        )
+
+        def most(name: str, rows: NDArray[np.intp]) -> float:
+            weights = WEIGHTS if name == ALL else SINGLE_WEIGHTS
+            return max(self._gain(left, products, rows, fabrics, weight) for weight in weights)
+
+        known = {name: max(0.0, most(name, rows)) for name, rows in self.described.items()}
+        return np.array([most(name, rows) - known.get(name, 0.0) for name, rows in self.families.items()])
 
     def evidence(self, gains: Array, *, beside: float | None = None) -> float:
         """Log evidence of a mixture, whichever family it is of, over that without.

@@ -119,6 +119,27 @@ def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.floa
     return weights
 
 
+def forms(effect: Effect, sizes: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Weights [sizes, nodes] of each form that a response may have: as it was simulated, size by size
+    (:func:`interpolation`), or as the weakest size's one in proportion, and as that of the weakest of the other sign
+    turned round.
+
+    A strong effect, or one of one sign, may throw the simulation into other folds than those that were captured with
+    it; a weak one of either sign more seldom does.
+    """
+    own = np.array(node_values(effect))
+    found = [interpolation(effect, sizes)]
+    if not effect.vanishes_at_zero:
+        weakest = np.zeros_like(found[0])
+        weakest[:, int(np.argmax(own))] = (own.max() / sizes) ** 2
+        return [*found, weakest]
+    least = float(np.abs(own).min())
+    for turn in (1.0, -1.0) if (own < 0).any() else (1.0,):
+        nearest = np.abs(own[None] - turn * least * np.sign(sizes)[:, None]).argmin(axis=1)
+        found.append(np.where(np.arange(len(own)) == nearest[:, None], turn * np.abs(sizes)[:, None] / least, 0.0))
+    return found
+
+
 def node_weights(effect: Effect, size: Mapping[str, float]) -> NDArray[np.float64]:
     """Weights of all nodes (of all places) that give the response at a size, [nodes]."""
     if effect.vector:

@@ -48,7 +48,7 @@ class Setup:
     Attributes:
         scene: which scene.
         sample_size_m: width (weft, u) and height (warp, v) of the sample.
-        pins_m: where each pinned corner sits, by name (``top_left``, ``top_right``, ``bottom_right``).
+        pins_m: where each pinned corner sits, by name (``top_left``, ``top_right``, ``bottom_right``; in this order).
         pin_radius_m: all cloth within this distance of a pinned corner is held; 0 holds the corner point alone.
         panel: a panel stands at z = 0 behind the sample.
     """
@@ -73,6 +73,8 @@ class Setup:
         for name, place in self.pins_m.items():
             if len(tuple(place)) != 3 or not all(math.isfinite(c) for c in place):
                 raise InputError(f"pin {name} needs three finite coordinates [m], got {place}", code="pin_position")
+        ordered = {name: self.pins_m[name] for name in PIN_NAMES[self.scene]}
+        object.__setattr__(self, "pins_m", ordered)
 
     @classmethod
     def nominal(

@@ -141,3 +141,25 @@ def test_a_refuted_effect_leaves_its_probability_to_none_and_unknown() -> None:
     assert left.probabilities["air_draft"] == pytest.approx(0.1 * cause.probabilities["air_draft"])
     assert sum(left.probabilities.values()) == pytest.approx(1.0)
     assert left.named == () and left.top in ("none", "unknown")
+
+
+def test_an_effect_that_throws_its_simulations_into_other_folds_is_named_by_weaker_ones() -> None:
+    """In three of four fabrics what was simulated for the largest draft is of other folds; the smallest one is right."""
+    blocks, pixels = a_set("air_draft", {SCALAR: 0.45}, range(0))
+    sizes = np.array([size[SCALAR] for size in nodes(get_effect("air_draft"))])
+    rng = np.random.default_rng(3)
+    shown = []
+    for number, own in enumerate(blocks):
+        form = 12.0 * rng.standard_normal(COUNT)
+        rows = sizes[:, None] * form
+        if number:
+            rows[np.abs(sizes) > 0.3] = 6.0 * rng.standard_normal((2, COUNT))
+        view = replace(
+            own.stated,
+            measured=own.stated.measured + 0.45 * form,
+            responses={**own.stated.responses, "air_draft": rows},
+        )
+        shown.append(replace(own, stated=view, wide=view))
+    cause = name_cause(("air_draft", "crease"), shown, pixels)
+    assert cause.named == ("air_draft",)
+    assert cause.size("air_draft")[SCALAR] == pytest.approx(0.45, rel=0.15)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -98,6 +99,26 @@ def test_a_change_shows_most_in_its_own_family_and_in_no_other(family: str) -> N
     assert max(value for name, value in found.items() if name not in (family, "all")) < 0.0
 
 
+def test_pins_moved_as_an_effect_of_the_catalogue_says_are_nothing_unknown() -> None:
+    """Nor where the effect's own response is of other folds; a move that no effect describes is."""
+    outward, downward = [-0.5, 0, 0.5, 0, 0, 0], [0, -1.0, 0, 0, 0, 0]
+    for move, known, free in ((outward, 2.0, 8.0), (downward, 8.0, 8.0)):
+        blocks = []
+        for block in fabrics(range(FABRICS), None, pins=(6,) * FABRICS):
+            measured = block.stated.measured + 0.002 * np.array(move) @ block.pins / ERROR_M
+            rows = {**block.stated.responses, "pin_spacing": linear_responses("pin_spacing", np.random.default_rng(5))}
+            view = replace(block.stated, measured=measured, responses=rows)
+            blocks.append(replace(block, stated=view, wide=view))
+        found = {}
+        for names in (EFFECTS, (*EFFECTS, "pin_spacing")):
+            mixture = Mixture.of(names, blocks, LikelihoodModel())
+            gained = mixture.gain([block.stated.measured for block in blocks])
+            found[names] = dict(zip(mixture.families, gained, strict=True))["pins"]
+        assert found[EFFECTS] > free
+        assert (found[(*EFFECTS, "pin_spacing")] > free) == (known == free)
+        assert found[(*EFFECTS, "pin_spacing")] > free or found[(*EFFECTS, "pin_spacing")] < known
+
+
 @pytest.mark.parametrize("family", ["rim", "picture", "pins"])
 def test_what_few_changes_find_in_all_fabrics_is_unknown(family: str) -> None:
     assert name_cause(EFFECTS, fabrics(range(FABRICS), family), quiet()).top == "unknown"
@@ -169,7 +190,7 @@ def test_a_weaker_effect_beside_a_strong_one_is_looked_at_too(monkeypatch: pytes
     def weigh(results: Sequence[Any], beside: Any) -> Cause:
         strong, weak = (40.0, 1.0) if beside is None else (0.0, 1.0)
         evidence = {
-            name: Evidence(name, value, value, {}, size, {})
+            name: Evidence(name, value, value, {}, size, size, value, {})
             for name, value, size in (
                 ("none", 0.0, {}),
                 ("sensor_smoothing", strong, {SCALAR: 1.5, "after_noise": 1.0}),
