@@ -55,7 +55,7 @@ class BlindPlan:
     fabrics: int = 4
     repeats: int = 2
     pool: int = 5
-    resolution_m: float = 0.0125
+    resolution_m: float = 0.5 / 60
     withhold: tuple[str, ...] = ()
     scenes: tuple[str, ...] = ("hanging", "stretch")
 
