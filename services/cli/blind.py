@@ -31,7 +31,7 @@ def make(
     fabrics: int = typer.Option(4, "--fabrics", help="Fabrics in a set."),
     repeats: int = typer.Option(2, "--repeats", help="Captures a fabric and scene."),
     pool: int = typer.Option(5, "--pool", help="Different fabrics in the whole check; sets share their simulations."),
-    resolution: float = typer.Option(0.0125, "--resolution", help="Edge of a mesh cell [m]; not the diagnosis's."),
+    resolution: float = typer.Option(0.5 / 60, "--resolution", help="Edge of a mesh cell [m]; not the diagnosis's."),
     scenes: str = typer.Option("hanging,stretch", "--scenes", help="Of every set, comma-separated."),
     withhold: list[str] = typer.Option([], "--withhold", help="Effect that the data has and the diagnosis lacks."),
     plan_only: bool = typer.Option(False, "--plan-only", help="Only the plan: `blind score --make` makes the cases."),
