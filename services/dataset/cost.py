@@ -11,7 +11,7 @@ from services.dataset.solver_kind import SolverKind
 
 # Measured on one core (docs/benchmarks.md, "Dataset service"), fabrics of the prior, both scenes together.
 _VERTICES = (121.0, 676.0, 2601.0, 10201.0)
-_SECONDS_A_SIMULATION = (0.22, 1.44, 2.78, 6.9)
+_SECONDS_A_SIMULATION = (0.2, 0.62, 1.98, 7.87)
 _SECONDS_A_PICTURE = 0.006
 _BYTES_A_PICTURE = 15e3
 _BYTES_A_VERTEX = 11.0
