@@ -146,12 +146,14 @@ def name_cause(
     tables = [tabulate_nothing(blocks, pixels, model), tabulate_unknown(blocks, pixels, model)]
     still = [float(value.max()) for value in tables[0].blocks]
     tables += [tabulate(get_effect(name), blocks, pixels, model, still) for name in effects]
+    two = effects if pairs and len(effects) > 1 else ()
+    plain = [tabulate(get_effect(name), blocks, pixels, model, still, as_simulated=True) for name in two]
     shares = prior.shares(effects, pixels_seen=pixels.sensor_known)
     peaks = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
     reference = _reference(tables, blocks, peaks, model, shares)
     alone = {table.name: table.weigh(blocks, reference, model) for table in tables}
-    under_peaks = {table.name: table.weigh(blocks, peaks, model) for table in tables}  # pairs gain or lose below these
-    both = _pairs(effects, blocks, pixels, model, under_peaks, tables[0]) if pairs and len(effects) > 1 else []
+    under_peaks = {t.name: t.weigh(blocks, peaks, model) for t in plain}  # pairs, as simulated, gain or lose below these
+    both = _pairs(effects, blocks, pixels, model, under_peaks, tables[0]) if two else []
     evidence = {name: _by_more_than_one(e, alone["none"]) for name, e in alone.items()}
     found = []
     for first, sizes, table in both:
@@ -298,9 +300,9 @@ def _given(
     model: LikelihoodModel,
     nothing: Table,
 ) -> Table:
-    """One effect where another of known size is there too."""
+    """One effect where another of known size is there too; two of any form would fit any folds."""
     left = [without(block, other, size) for block in blocks]
     seen = [float(still.max()) for still in tabulate_nothing(left, pixels, model).blocks]
     if get_effect(other).moves_cloth:  # its response may have left the folds that are seen, too
         seen = [max(own, float(still.max())) for own, still in zip(seen, nothing.blocks, strict=True)]
-    return tabulate(get_effect(name), left, pixels_without(pixels, other, size), model, seen)
+    return tabulate(get_effect(name), left, pixels_without(pixels, other, size), model, seen, as_simulated=True)

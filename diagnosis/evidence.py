@@ -133,6 +133,8 @@ def tabulate(
     pixels: PixelBlock,
     model: LikelihoodModel,
     seen: Sequence[float] | None = None,
+    *,
+    as_simulated: bool = False,
 ) -> Table:
     """Log likelihoods of one effect, its size common to all fabrics.
 
@@ -141,9 +143,10 @@ def tabulate(
         blocks, pixels: what was measured.
         model: of the likelihood.
         seen: log likelihood of each block in the folds that were found without the effect; by default as it is.
+        as_simulated: responses have no other form (:func:`diagnosis.sizes.forms`).
     """
     kind = "scatter" if effect.random_repeats else "cloth" if effect.moves_cloth else effect.stage.value
-    table = replace(_tabulate_one(effect, blocks, pixels, model), share=SIZE_SHARES[kind])
+    table = replace(_tabulate_one(effect, blocks, pixels, model, as_simulated), share=SIZE_SHARES[kind])
     if not effect.moves_cloth:
         return table
     if seen is None:
@@ -152,12 +155,14 @@ def tabulate(
     return replace(table, blocks=tuple(_or_unmoved(b.scene, value, still, model) for b, value, still in own))
 
 
-def _tabulate_one(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+def _tabulate_one(
+    effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, as_simulated: bool
+) -> Table:
     if effect.vector:
         return _tabulate_vector(effect, blocks, pixels, model)
     if effect.random_repeats:
         return _tabulate_scatter(effect, blocks, pixels, model)
-    return _tabulate_scalar(effect, blocks, pixels, model)
+    return _tabulate_scalar(effect, blocks, pixels, model, as_simulated or not effect.moves_cloth)
 
 
 def _or_unmoved(scene: str, value: Array, still: float, model: LikelihoodModel) -> Array:
@@ -229,10 +234,12 @@ def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:
     return view_log_likelihood(view.measured[None], still, view.log_det, scene, model)
 
 
-def _tabulate_scalar(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+def _tabulate_scalar(
+    effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, as_simulated: bool
+) -> Table:
     """On a grid of sizes and over the effect's places; each block's response is of one of several forms."""
     sizes = grid(effect)
-    weights = forms(effect, sizes) if effect.moves_cloth else [interpolation(effect, sizes)]
+    weights = [interpolation(effect, sizes)] if as_simulated else forms(effect, sizes)
     count, places = weights[0].shape[1], len(effect.places)
     slices = [slice(number * count, (number + 1) * count) for number in range(places)]
     values = []
