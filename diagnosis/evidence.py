@@ -123,8 +123,8 @@ class Table:
         else:
             interval = {}
         by_fabric = {key: float(value[top]) for key, value in fabrics.items()}
-        best = float(likelihood[top])
-        return Evidence(self.name, evidence, best, by_fabric, size, usual, usual_evidence, interval)
+        reached = float(likelihood[top])
+        return Evidence(self.name, evidence, reached, by_fabric, size, usual, usual_evidence, interval)
 
 
 def tabulate(

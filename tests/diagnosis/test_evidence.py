@@ -144,7 +144,7 @@ def test_a_refuted_effect_leaves_its_probability_to_none_and_unknown() -> None:
 
 
 def test_an_effect_that_throws_its_simulations_into_other_folds_is_named_by_weaker_ones() -> None:
-    """In three of four fabrics what was simulated for the largest draft is of other folds; the smallest one is right."""
+    """In three of four fabrics the largest draft was simulated in other folds; the smallest one is right."""
     blocks, pixels = a_set("air_draft", {SCALAR: 0.45}, range(0))
     sizes = np.array([size[SCALAR] for size in nodes(get_effect("air_draft"))])
     rng = np.random.default_rng(3)
