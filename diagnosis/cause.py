@@ -152,9 +152,7 @@ def name_cause(
     peaks = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
     reference = _reference(tables, blocks, peaks, model, shares)
     alone = {table.name: table.weigh(blocks, reference, model) for table in tables}
-    under_peaks = {
-        t.name: t.weigh(blocks, peaks, model) for t in plain
-    }  # pairs, as simulated, gain or lose below these
+    under_peaks = {t.name: t.weigh(blocks, peaks, model) for t in plain}  # pairs gain or lose below these
     both = _pairs(effects, blocks, pixels, model, under_peaks, tables[0]) if two else []
     evidence = {name: _by_more_than_one(e, alone["none"]) for name, e in alone.items()}
     found = []
