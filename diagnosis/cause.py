@@ -146,14 +146,17 @@ def name_cause(
     tables = [tabulate_nothing(blocks, pixels, model), tabulate_unknown(blocks, pixels, model)]
     still = [float(value.max()) for value in tables[0].blocks]
     tables += [tabulate(get_effect(name), blocks, pixels, model, still) for name in effects]
-    two = effects if pairs and len(effects) > 1 else ()
-    plain = [tabulate(get_effect(name), blocks, pixels, model, still, as_simulated=True) for name in two]
     shares = prior.shares(effects, pixels_seen=pixels.sensor_known)
     peaks = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
     reference = _reference(tables, blocks, peaks, model, shares)
     alone = {table.name: table.weigh(blocks, reference, model) for table in tables}
-    under_peaks = {t.name: t.weigh(blocks, peaks, model) for t in plain}  # pairs gain or lose below these
-    both = _pairs(effects, blocks, pixels, model, under_peaks, tables[0]) if two else []
+    under_peaks, both = {}, []
+    if pairs and len(effects) > 1:
+        plain = [_as_simulated(table, blocks, pixels, model, still) for table in tables[2:]]
+        under_peaks = {
+            table.name: table.weigh(blocks, peaks, model) for table in plain
+        }  # pairs gain or lose below these
+        both = _pairs(effects, blocks, pixels, model, under_peaks, tables[0])
     evidence = {name: _by_more_than_one(e, alone["none"]) for name, e in alone.items()}
     found = []
     for first, sizes, table in both:
@@ -289,6 +292,14 @@ def _pairs(
                 sizes[second] = table.weigh(blocks, [float(v.max()) for v in table.blocks], model).size
             found.append((first, sizes, replace(table, prior=table.prior + occam)))
     return found
+
+
+def _as_simulated(
+    table: Table, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, still: Sequence[float]
+) -> Table:
+    """An effect's table with responses of no other form; what moves no cloth has no other."""
+    effect = get_effect(table.name)
+    return tabulate(effect, blocks, pixels, model, still, as_simulated=True) if effect.moves_cloth else table
 
 
 def _given(

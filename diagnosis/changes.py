@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from diagnosis.block import Block, whiten
 from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
-from diagnosis.evidence import smooth_modes
 from diagnosis.reference import CELLS, cell_centres
 from diagnosis.scene import SimulationScene
 from diagnosis.sizes import node_values, nodes
+from diagnosis.smooth_modes import smooth_modes
 from simcore.scenes import Scene, Setup
 
 Array = NDArray[np.float64]

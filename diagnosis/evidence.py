@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 from itertools import product
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.stats import f as f_distribution
 
 from diagnosis.block import Block, PixelBlock, View, whiten
 from diagnosis.effect import SCALAR, Effect
+from diagnosis.intervals import size_interval
 from diagnosis.likelihood import (
     LikelihoodModel,
     combine,
@@ -22,8 +22,17 @@ from diagnosis.likelihood import (
     pixel_unknown,
     view_log_likelihood,
 )
-from diagnosis.reference import CELLS, cell_centres
-from diagnosis.sizes import fading, forms, grid, interpolation, log_prior, node_values, node_weights, vector_step
+from diagnosis.sizes import (
+    fading,
+    grid,
+    interpolation,
+    log_prior,
+    node_values,
+    node_weights,
+    response_forms,
+    vector_step,
+)
+from diagnosis.smooth_modes import smooth_modes
 
 Array = NDArray[np.float64]
 UNKNOWN_FACTORS = np.geomspace(1.5, 30.0, 13)
@@ -32,9 +41,6 @@ UNKNOWN_SHAPES_M = np.geomspace(0.004, 0.016, 3)
 """Root mean square of a smooth change that nothing describes [m]; simulators differ by 1 mm for no reason at all."""
 MOST_OF_A_BLOCK = 4.0
 """Log likelihood that such a change may gain in one block: one fabric in other folds is not yet something unknown."""
-UNKNOWN_LENGTH = 0.15
-"""Correlation length of such a change, in sample sizes."""
-UNKNOWN_FORMS = 40
 NUMBERS_SHARE = 0.1
 """Of ``unknown``: some of the shared numbers are off; the catalogue has an effect for each of them alone."""
 LARGER_SHARE = 0.5
@@ -119,7 +125,7 @@ class Table:
             interval = {n: (size[n] - h, size[n] + h) for n, h in half.items()}
         elif SCALAR in size:
             values = np.array([s[SCALAR] for s in self.sizes])
-            interval = {SCALAR: _interval(values, np.exp(posterior - evidence), size[SCALAR], self.share)}
+            interval = {SCALAR: size_interval(values, np.exp(posterior - evidence), size[SCALAR], self.share)}
         else:
             interval = {}
         by_fabric = {key: float(value[top]) for key, value in fabrics.items()}
@@ -143,7 +149,7 @@ def tabulate(
         blocks, pixels: what was measured.
         model: of the likelihood.
         seen: log likelihood of each block in the folds that were found without the effect; by default as it is.
-        as_simulated: responses have no other form (:func:`diagnosis.sizes.forms`).
+        as_simulated: responses have no other form (:func:`diagnosis.sizes.response_forms`).
     """
     kind = "scatter" if effect.random_repeats else "cloth" if effect.moves_cloth else effect.stage.value
     table = replace(_tabulate_one(effect, blocks, pixels, model, as_simulated), share=SIZE_SHARES[kind])
@@ -217,18 +223,6 @@ def unknown_shape(block: Block, model: LikelihoodModel) -> Array:
     return _widened(view, whiten(view, smooth_modes()[block.cell]).T, UNKNOWN_SHAPES_M, block.scene, model)
 
 
-@cache
-def smooth_modes() -> Array:
-    """Random smooth changes of the cloth of root mean square one: their principal forms, [cells + ring, forms]."""
-    centre = cell_centres()
-    cloth = np.arange(len(centre)) < CELLS * CELLS
-    distance = np.linalg.norm(centre[:, None] - centre[None], axis=2)
-    kernel = np.exp(-0.5 * (distance / UNKNOWN_LENGTH) ** 2) * np.outer(cloth, cloth)
-    size, forms = np.linalg.eigh(kernel)
-    chosen = np.argsort(-size)[:UNKNOWN_FORMS]
-    return np.asarray(forms[:, chosen] * np.sqrt(np.maximum(size[chosen], 0.0)))
-
-
 def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:
     still = np.zeros((1, len(view.measured)))
     return view_log_likelihood(view.measured[None], still, view.log_det, scene, model)
@@ -239,7 +233,7 @@ def _tabulate_scalar(
 ) -> Table:
     """On a grid of sizes and over the effect's places; each block's response is of one of several forms."""
     sizes = grid(effect)
-    weights = [interpolation(effect, sizes)] if as_simulated else forms(effect, sizes)
+    weights = [interpolation(effect, sizes)] if as_simulated else response_forms(effect, sizes)
     count, places = weights[0].shape[1], len(effect.places)
     slices = [slice(number * count, (number + 1) * count) for number in range(places)]
     values = []
@@ -391,24 +385,3 @@ def _fit_vector(
             right += weight * columns @ view.measured
         size = np.linalg.solve(hessian, right)
     return size, hessian
-
-
-def _interval(sizes: Array, mass: Array, top: float, share: float = 0.0) -> tuple[float, float]:
-    """5 and 95 % points of a distribution on a grid (in any order, with repeats), widened to hold ``top`` and by an
-    error of the size's logarithm (on a side that reaches zero there is nothing to widen).
-
-    Each point's mass lies half to either side of it: all of it below would shift an interval by half a step.
-    """
-    points, where = np.unique(sizes, return_inverse=True)
-    own = np.bincount(where, weights=mass)
-    middle = np.cumsum(own) - 0.5 * own
-    low, high = (float(np.interp(q, middle, points)) for q in (0.05, 0.95))
-    return _further(min(low, top), top, share, upper=False), _further(max(high, top), top, share, upper=True)
-
-
-def _further(end: float, top: float, share: float, *, upper: bool) -> float:
-    """An end of an interval, further from ``top`` by a relative error."""
-    if end * top <= 0.0:
-        return end
-    reach = float(np.hypot(np.log(end / top), 1.645 * share))
-    return top * float(np.exp(reach if upper == (top > 0) else -reach))

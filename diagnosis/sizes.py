@@ -119,7 +119,7 @@ def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.floa
     return weights
 
 
-def forms(effect: Effect, sizes: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def response_forms(effect: Effect, sizes: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Weights [sizes, nodes] of each form that a response may have: as it was simulated, size by size
     (:func:`interpolation`), or as the weakest size's one in proportion, and as that of the weakest of the other sign
     turned round.

@@ -16,7 +16,7 @@ from diagnosis.effects import catalogue, get_effect
 from diagnosis.evidence import tabulate
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel, feature_covariance
-from diagnosis.sizes import node_weights, nodes
+from diagnosis.sizes import FITTED_SHARE, node_weights, nodes
 
 COUNT = 60
 FABRICS = 4
@@ -163,3 +163,16 @@ def test_an_effect_that_throws_its_simulations_into_other_folds_is_named_by_weak
     cause = name_cause(("air_draft", "crease"), shown, pixels)
     assert cause.named == ("air_draft",)
     assert cause.size("air_draft")[SCALAR] == pytest.approx(0.45, rel=0.15)
+
+
+@pytest.mark.parametrize("size", [0.06, 0.3])
+def test_the_usual_size_lies_inside_the_range_wherever_the_best_one_does(size: float) -> None:
+    blocks, pixels = a_set("air_draft", {SCALAR: size}, range(FABRICS))
+    model = LikelihoodModel()
+    found = tabulate(get_effect("air_draft"), blocks, pixels, model, as_simulated=True)
+    weighed = found.weigh(blocks, [float(value.max()) for value in found.blocks], model)
+    component = next(iter(get_effect("air_draft").components.values()))
+    faded = np.exp(FITTED_SHARE)  # beyond the range by a standard deviation of fitted sizes: half a nat
+    assert component.low / faded <= abs(weighed.usual[SCALAR]) <= component.high * faded
+    assert weighed.usual_evidence <= weighed.log_evidence
+    assert (weighed.usual == weighed.size) == (size == 0.3)

@@ -7,11 +7,12 @@ import pytest
 
 from diagnosis.block import Block, View
 from diagnosis.effects import get_effect
-from diagnosis.evidence import smooth_modes, unknown_shape
+from diagnosis.evidence import unknown_shape
 from diagnosis.fresh import bend
 from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
 from diagnosis.reference import CELLS
 from diagnosis.sizes import node_weights, nodes
+from diagnosis.smooth_modes import smooth_modes
 
 
 @pytest.mark.parametrize(

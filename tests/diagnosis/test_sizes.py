@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.sizes import FITTED_SHARE, fading, forms, grid, interpolation, log_prior, node_values, nodes
+from diagnosis.sizes import FITTED_SHARE, fading, grid, interpolation, log_prior, node_values, nodes, response_forms
 
 SCALARS = sorted(n for n, e in catalogue().items() if not e.vector and not e.random_repeats)
 
@@ -54,7 +54,7 @@ def test_the_forms_of_a_response_in_proportion_to_its_size_are_all_the_same(name
     sizes, values = grid(effect), np.array(node_values(effect))
     response = values if effect.vanishes_at_zero else values**-2.0
     expected = sizes if effect.vanishes_at_zero else sizes**-2.0
-    found = forms(effect, sizes)
+    found = response_forms(effect, sizes)
     for form in found[1:]:
         np.testing.assert_allclose(form @ response, expected, rtol=1e-9)
     assert len(found) == (3 if values.min() < 0 else 2)
@@ -65,7 +65,7 @@ def test_a_large_size_in_other_folds_leaves_the_forms_of_small_ones() -> None:
     effect = get_effect("air_draft")
     values = np.array(node_values(effect))
     odd = np.where(np.abs(values) > 0.3, np.nan, 2.0 * values)
-    _, forward, backward = forms(effect, np.array([0.5]))
+    _, forward, backward = response_forms(effect, np.array([0.5]))
     for form, own in ((forward, 0.25), (backward, -0.25)):
         used = form[0] != 0.0
         assert values[used].tolist() == [own]
