@@ -83,6 +83,11 @@ def test_resolutions_that_are_absurd(resolution: float) -> None:
     assert refused(lambda: GridMesh(resolution), "resolution").code == "resolution_out_of_range"
 
 
+def test_pins_stand_in_one_order_whatever_the_document_s() -> None:
+    given = dict(reversed(Setup.nominal(Scene.STRETCH).pins_m.items()))
+    assert list(Setup(Scene.STRETCH, pins_m=given).pins_m) == ["top_left", "top_right", "bottom_right"]
+
+
 def test_scenes_and_set_ups() -> None:
     assert refused(lambda: Setup.nominal("lying"), "lying", "hanging").code == "scene_unknown"
     assert refused(lambda: replace(HANGING, pin_radius_m=0.3), "pin radius").code == "pin_radius"
