@@ -20,7 +20,7 @@ from capture.capture_set import CAPTURES_FILE, CaptureSet
 from diagnosis.baselines import BASELINES, baseline_answers
 from diagnosis.blind_make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, case_name, is_sealed
 from diagnosis.blind_verify import verify
-from diagnosis.claims import Claims
+from diagnosis.claims import Claims, alone
 from diagnosis.classifier import Classifier, example_parts, features
 from diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from diagnosis.drape_cache import DrapeCache
@@ -130,7 +130,24 @@ def answer_cases(
     done = [name for name in map(case_name, numbers) if _is_answered(out / REPORTS_FOLDER / f"{name}.json")]
     if not done:
         raise InputError(f"{out}: no case is diagnosed yet: give more time", code="blind_nothing_done")
-    return [open_label(out, name, cache) for name in done]
+    return open_labels(out, done, cache)
+
+
+def open_labels(out: Path, names: Sequence[str], cache: DrapeCache) -> list[Answer]:
+    """:func:`open_label` of diagnosed cases; processes at the same ones share them, then wait for one another's.
+
+    Raises:
+        InputError: as there.
+    """
+    answers: dict[str, Answer] = {}
+    for wait in (False, True):
+        for name in names:
+            if name in answers:
+                continue
+            with alone(out, name, wait=wait) as mine:
+                if mine:
+                    answers[name] = open_label(out, name, cache)
+    return [answers[name] for name in names]
 
 
 def _answer(out: Path, name: str, options: DiagnosisOptions, cache: DrapeCache) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from diagnosis.blind_make import SHARED_BY
@@ -45,3 +46,21 @@ class Claims:
         self._stack.enter_context(lock)
         self._held.add(group)
         return True
+
+
+@contextmanager
+def alone(out: Path, name: str, *, wait: bool) -> Iterator[bool]:
+    """Whether a case's label is this process's to open, for the length of the block; ``wait``: until it is."""
+    from filelock import FileLock, Timeout
+
+    (out / CLAIMS_FOLDER).mkdir(exist_ok=True)
+    lock = FileLock(out / CLAIMS_FOLDER / f"open-{name}.lock")
+    try:
+        lock.acquire(timeout=-1 if wait else 0)
+    except Timeout:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        lock.release()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,8 @@ from diagnosis.blind_make import (
     make_blind_check,
 )
 from diagnosis.blind_page import render_page
-from diagnosis.blind_score import Answer, open_label, read_manifest, same, score
-from diagnosis.claims import Claims
+from diagnosis.blind_score import REPORTS_FOLDER, Answer, open_label, open_labels, read_manifest, same, score
+from diagnosis.claims import Claims, alone
 from diagnosis.drape_cache import DrapeCache
 from simcore.errors import InputError
 
@@ -139,3 +140,27 @@ def test_a_group_of_cases_belongs_to_one_of_several_processes(tmp_path: Path) ->
         assert not second.take(1) and second.take(SHARED_BY)
     with Claims(tmp_path) as third:
         assert third.take(0)
+
+
+def test_labels_that_another_process_is_opening_come_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["case-001", "case-002", "case-003"]
+    for name in names:
+        sealed = json.dumps({"kind": "none", "effects": []}).encode()
+        for folder in (name, LABELS_FOLDER, REPORTS_FOLDER):
+            (tmp_path / folder).mkdir(exist_ok=True)
+        (tmp_path / LABELS_FOLDER / f"{name}.json").write_bytes(sealed)
+        stated = {"label_sha256": hashlib.sha256(sealed).hexdigest()}
+        (tmp_path / name / "captures.json").write_text(json.dumps(stated))
+        (tmp_path / REPORTS_FOLDER / f"{name}.json").write_text(json.dumps({"baselines": {}}))
+    order: list[str] = []
+    monkeypatch.setattr("diagnosis.blind_score.verify", lambda folder, *_: order.append(folder.name))
+    with ThreadPoolExecutor(1) as pool:
+        with alone(tmp_path, "case-001", wait=False) as mine:
+            assert mine
+            with alone(tmp_path, "case-001", wait=False) as again:
+                assert not again
+            opened = pool.submit(open_labels, tmp_path, names, DrapeCache(None))
+            while len(order) < 2:
+                assert not opened.done()
+        assert [one.name for one in opened.result(timeout=60)] == names
+    assert order == ["case-002", "case-003", "case-001"]
