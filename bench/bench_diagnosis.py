@@ -1,6 +1,6 @@
 """What a diagnosis costs: simulations and seconds, without and with an atlas, with one and two workers.
 
-    python bench/bench_diagnosis.py [--fabrics 2] [--scenes stretch] [--page docs/benchmarks.md] [--json d.json]
+    python bench/bench_diagnosis.py [--fabrics 2] [--scenes stretch] [--repeats 2] [--workers 1,2] [--page PAGE] [--json FILE]
 
 Makes a capture set by simulation, then diagnoses it: nothing at hand; everything that does not depend on the captures
 at hand (an atlas); everything at hand (the same set once more). Prints a table; ``--page`` replaces the page's section.
@@ -22,7 +22,7 @@ from capture.capture_set import CaptureSet
 from diagnosis.atlas import build_atlas
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.drape_cache import DrapeCache
-from diagnosis.effects import parse_effect
+from diagnosis.effects import catalogue, parse_effect
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
 from renderer.atomic import write_atomically
 
@@ -30,12 +30,11 @@ TITLE = "## Diagnosis"
 Row = dict[str, Any]
 
 
-def measure(fabrics: int, scenes: tuple[str, ...], resolution_m: float, workers: list[int]) -> list[Row]:
+def measure(plan: SynthesisPlan, resolution_m: float, workers: list[int]) -> list[Row]:
     """All rows of the table."""
     rows = []
     with TemporaryDirectory() as name:
         folder = Path(name)
-        plan = SynthesisPlan(fabrics=fabrics, scenes=scenes, resolution_m=0.0125, seed=5)
         captures = make_capture_set(folder / "set", plan, [parse_effect("pin_spacing=0.006")])
         atlas = DrapeCache(folder / "atlas")
         began = time.monotonic()
@@ -71,14 +70,14 @@ def _row(what: str, workers: int, simulations: int, solver: float, began: float)
     }
 
 
-def section(rows: list[Row], fabrics: int, scenes: tuple[str, ...], resolution_m: float) -> str:
+def section(rows: list[Row], plan: SynthesisPlan, resolution_m: float) -> str:
     """Markdown."""
     lines = [
         TITLE,
         "",
-        f"`python bench/bench_diagnosis.py`: {fabrics} fabrics x {' and '.join(scenes)} x 2 repeats, 24 effects, "
-        f"{1e3 * resolution_m:g} mm mesh, {platform.machine()}, {os.cpu_count()} cores, load "
-        f"{os.getloadavg()[0]:.1f} at the end (other work ran beside it: compare the solver's CPU seconds).",
+        f"`python bench/bench_diagnosis.py`: {plan.fabrics} fabrics x {' and '.join(plan.scenes)} x {plan.repeats} "
+        f"repeats, {len(catalogue())} effects, {1e3 * resolution_m:g} mm mesh, {platform.machine()}, {os.cpu_count()} "
+        f"cores, load {os.getloadavg()[0]:.1f} at the end.",
         "",
         "| at hand before | workers | simulations | solver, CPU s | wall s |",
         "|---|---|---|---|---|",
@@ -101,14 +100,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fabrics", type=int, default=2)
     parser.add_argument("--scenes", default="stretch")
+    parser.add_argument("--repeats", type=int, default=2)
     parser.add_argument("--resolution", type=float, default=0.01)
     parser.add_argument("--workers", default="1,2")
     parser.add_argument("--page", type=Path)
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     scenes = tuple(given.scenes.split(","))
-    rows = measure(given.fabrics, scenes, given.resolution, [int(n) for n in given.workers.split(",")])
-    text = section(rows, given.fabrics, scenes, given.resolution)
+    plan = SynthesisPlan(given.fabrics, scenes, given.repeats, resolution_m=0.5 / 60, seed=5)
+    rows = measure(plan, given.resolution, [int(n) for n in given.workers.split(",")])
+    text = section(rows, plan, given.resolution)
     print(text)
     if given.page is not None:
         put_section(given.page, text)
