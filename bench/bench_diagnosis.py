@@ -1,6 +1,6 @@
 """What a diagnosis costs: simulations and seconds, without and with an atlas, with one and two workers.
 
-    python bench/bench_diagnosis.py [--fabrics 2] [--scenes stretch] [--repeats 2] [--workers 1,2] [--page PAGE] [--json FILE]
+    python bench/bench_diagnosis.py [--fabrics 2] [--scenes stretch] [--repeats 2] [--workers 1,2] [--page PAGE]
 
 Makes a capture set by simulation, then diagnoses it: nothing at hand; everything that does not depend on the captures
 at hand (an atlas); everything at hand (the same set once more). Prints a table; ``--page`` replaces the page's section.
