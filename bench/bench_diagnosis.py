@@ -20,6 +20,7 @@ from typing import Any
 
 from capture.capture_set import CaptureSet
 from diagnosis.atlas import build_atlas
+from diagnosis.atlas_part import atlas_parts
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import catalogue, parse_effect
@@ -39,7 +40,7 @@ def measure(plan: SynthesisPlan, resolution_m: float, workers: list[int]) -> lis
         atlas = DrapeCache(folder / "atlas")
         began = time.monotonic()
         effects = DiagnosisOptions(resolution_m=resolution_m).chosen()
-        cost = build_atlas(captures, effects, resolution_m, atlas)
+        cost = build_atlas(atlas_parts(captures, effects, resolution_m), atlas)
         rows.append(_row("building the atlas", 1, cost.simulations, cost.seconds, began))
         for count in workers:
             for what, start in (("nothing at hand", None), ("atlas at hand", atlas)):

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from capture.capture_set import CaptureSet
+from diagnosis.atlas_part import AtlasPart
 from diagnosis.drape_cache import DrapeCache, drape_key
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
-from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask, base_states, see_state
-from diagnosis.preparation import prepare_tasks
+from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
 from diagnosis.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS
-from diagnosis.simulator import Cost, Simulator
+from diagnosis.simulator import Cost
 from diagnosis.sizes import nodes, shortcuts
 from diagnosis.version import RESPONSES_VERSION, SIMULATION_VERSION
 from renderer.atomic import write_atomically
@@ -86,30 +85,37 @@ def open_atlas(folder: Path) -> DrapeCache:
     return DrapeCache(folder / "drapes")
 
 
-def build_atlas(
-    captures: CaptureSet,
-    effects: tuple[str, ...],
-    resolution_m: float,
-    cache: DrapeCache,
-    on_fabric: Callable[[float], None] | None = None,
-) -> Cost:
-    """Solve all base states of a set's fabrics and scenes with all their variations; what is there is not solved again.
+PartSolver = Callable[[Sequence[AtlasPart], DrapeCache], Iterator[Cost]]
+"""Solves parts into a cache and tells what each cost when it is kept."""
 
-    Raises:
-        InputError: captures that cannot be used.
+
+def solve_here(parts: Sequence[AtlasPart], cache: DrapeCache) -> Iterator[Cost]:
+    """One after the other, in this process."""
+    for part in parts:
+        yield part.solve(cache)
+
+
+def build_atlas(
+    parts: Sequence[AtlasPart],
+    cache: DrapeCache,
+    on_part: Callable[[float], None] | None = None,
+    solve: PartSolver = solve_here,
+) -> Cost:
+    """Solve the parts of an atlas that are not there yet; each is kept when it is done, so a stopped build goes on.
+
+    Args:
+        parts: of :func:`diagnosis.atlas_part.atlas_parts`.
+        cache: of :func:`open_atlas`.
+        on_part: called with 1 for every part that is there.
+        solve: who does the work.
     """
     total = Cost()
-    for task in prepare_tasks(captures, effects, resolution_m)[0]:
-        simulator = Simulator(cache)
-        scenes = [capture.scene for capture in task.captures]
-        for scene in (s for n, s in enumerate(scenes) if s not in scenes[:n]):
-            mesh = GridMesh(task.resolution_m, scene.setup.sample_size_m)
-            for base in base_states(simulator, task.parameters, scene, mesh):
-                if base.drape.ok:
-                    see_state(simulator, task, scene, base)
-        total.add(simulator.cost)
-        if on_fabric is not None:
-            on_fabric(1.0)
+    missing = [part for part in parts if not part.is_ready(cache)]
+    told = on_part or (lambda _: None)
+    told(float(len(parts) - len(missing)))
+    for cost in solve(missing, cache):
+        total.add(cost)
+        told(1.0)
     return total
 
 

@@ -125,6 +125,23 @@ class DrapeCache:
         np.savez_compressed(content, **compact)
         write_atomically(path, content.getvalue())
 
+    def files(self) -> dict[str, bytes]:
+        """Everything that is kept, by its place in the folder."""
+        if self.folder is None:
+            return {}
+        paths = sorted(path for path in self.folder.rglob("*") if path.is_file())
+        return {path.relative_to(self.folder).as_posix(): path.read_bytes() for path in paths}
+
+    def take(self, files: Mapping[str, bytes]) -> None:
+        """Keep another cache's :meth:`files`, too; what is there stays."""
+        if self.folder is None:
+            return
+        for place, content in files.items():
+            path = self.folder / place
+            if not path.exists():
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_atomically(path, content)
+
     def _path(self, key: str) -> Path:
         assert self.folder is not None
         return self.folder / key[:2] / f"{key}.npz"

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.base_state import depth_rms, picture_of
-from diagnosis.drape_cache import content_key
+from diagnosis.drape_cache import DrapeCache, content_key
 from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.features import Features, measure
@@ -116,6 +116,12 @@ def borrowed_responses(
         picture = picture_of(lender.drape, scene)
         reference = make_reference(lender.drape, scene)
     return find_responses(simulator, fabric, scene, lender, effects, picture, reference)
+
+
+def are_kept(cache: DrapeCache, state: KeyedDrape, scene: SimulationScene, effects: Sequence[str]) -> bool:
+    """Whether a state's own responses are at hand, those to all these effects included."""
+    keys = [_key("common", state, scene), _key("grip", state, scene)]
+    return all(cache.has(key) for key in (*keys, *(_effect_key(get_effect(name), state, scene) for name in effects)))
 
 
 def _key(what: str, state: KeyedDrape, scene: SimulationScene) -> str:

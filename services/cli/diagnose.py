@@ -13,6 +13,7 @@ from simcore.errors import InputError
 
 if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
+    from diagnosis.atlas import PartSolver
     from diagnosis.diagnose import Diagnosis, DiagnosisOptions
     from diagnosis.drape_cache import DrapeCache
     from diagnosis.isolability import Isolability
@@ -29,7 +30,9 @@ def diagnose(
     effects: str = typer.Option("", "--effects", help="Try only these, comma-separated; default: the catalogue."),
     without: str = typer.Option("", "--without", help="Leave these effects out, comma-separated."),
     resolution: float = typer.Option(0.01, "--resolution", help="Edge of a mesh cell [m]."),
-    workers: int = typer.Option(1, "--workers", help="Processes; each takes a fabric at a time."),
+    workers: int = typer.Option(
+        1, "--workers", help="Processes; each takes a fabric at a time, with --build-atlas a fold state."
+    ),
     isolability: bool = typer.Option(
         False, "--isolability", help="Only say which effects such captures can tell apart (isolability.json)."
     ),
@@ -38,6 +41,9 @@ def diagnose(
     ),
     atlas: Path | None = typer.Option(None, "--atlas", help="Folder of simulations; default: the user's cache."),
     build_atlas: bool = typer.Option(False, "--build-atlas", help="Only simulate what does not depend on pictures."),
+    address: str | None = typer.Option(
+        None, "--address", help="With --build-atlas: a running Ray cluster that simulates (auto, host:port)."
+    ),
     afresh: bool = typer.Option(True, help="Simulate what may be named at its fitted size and judge again."),
     lpips: bool = typer.Option(True, help="Say how far the gap shrinks in LPIPS drape distance, too."),
     json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
@@ -51,6 +57,7 @@ def diagnose(
     Example:
       drapemeter diagnose my-captures --out report/ --workers 2
       drapemeter diagnose my-captures --out report/ --isolability
+      drapemeter diagnose my-captures --out report/ --build-atlas --atlas atlas/ --workers 2
     """
     from capture.capture_set import CaptureSet
     from diagnosis.atlas import open_atlas
@@ -61,12 +68,14 @@ def diagnose(
         raise InputError(f"{out} is a file: give a folder for the report", code="output_is_file")
     if workers < 1:
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
+    if address is not None and not build_atlas:
+        raise InputError("--address is for --build-atlas: a diagnosis itself runs here, on --workers", code="address")
     options = DiagnosisOptions(_names(effects), _names(without), resolution, workers, afresh, lpips)
     options.chosen()
     captures = CaptureSet.load(capture_set)
     cache = DrapeCache.default() if atlas is None else open_atlas(atlas)
     if build_atlas:
-        _build(captures, options, cache, json_output)
+        _build(captures, options, cache, address, json_output)
     elif isolability:
         _isolability(captures, options, cache, out, json_output)
     else:
@@ -105,11 +114,21 @@ def _say_probabilities(found: Diagnosis) -> None:
         console.say(f"not separable from: {', '.join(found.report.cause.not_separable_from)}")
 
 
-def _build(captures: CaptureSet, options: DiagnosisOptions, cache: DrapeCache, json_output: bool) -> None:
-    from diagnosis.atlas import build_atlas
+def _build(
+    captures: CaptureSet, options: DiagnosisOptions, cache: DrapeCache, address: str | None, json_output: bool
+) -> None:
+    from diagnosis.atlas import build_atlas, solve_here
+    from diagnosis.atlas_part import atlas_parts
 
-    with console.progress("simulating", total=_shown(captures)) as bar:
-        cost = build_atlas(captures, options.chosen(), options.resolution_m, cache, bar.advance)
+    solve: PartSolver = solve_here
+    if address is not None or options.workers > 1:
+        from services.dataset.atlas import solver_on_ray
+
+        # a cluster's workers are all taken; on this machine, so many as were asked for
+        solve = solver_on_ray(address, options.workers if address is None else None)
+    parts = atlas_parts(captures, options.chosen(), options.resolution_m)
+    with console.progress("simulating", total=len(parts)) as bar:
+        cost = build_atlas(parts, cache, bar.advance, solve)
     if json_output:
         console.emit_json({"simulations": cost.simulations, "seconds": cost.seconds, "cached": cost.cached})
         return
