@@ -9,12 +9,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from capture.capture_set import CaptureSet
+from diagnosis.atlas import build_atlas, open_atlas
+from diagnosis.atlas_part import atlas_parts
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import get_effect
 from diagnosis.html import render_html, sentence
 from diagnosis.scene import SimulationScene
 from renderer.atomic import write_atomically
+from services.dataset.atlas import solver_on_ray
 from services.demo import fabrics
 from services.demo.captures import simulate_captures
 from simcore.scenes import Scene, Setup
@@ -35,6 +37,7 @@ class GapSummary:
         top: what was named.
         probabilities: of every candidate, none and unknown.
         fraction: share of the gap that the effect closed on held-out captures; None where none was named.
+        atlas, solved: simulations that were made before any picture was looked at, and those that were left.
     """
 
     sentence: str
@@ -45,6 +48,8 @@ class GapSummary:
     top: str
     probabilities: dict[str, float]
     fraction: float | None
+    atlas: int
+    solved: int
 
 
 def drafty_captures(
@@ -65,10 +70,13 @@ def drafty_captures(
 
 
 def explain(captures: Path, report: Path, *, resolution_m: float, workers: int) -> GapSummary:
-    """Diagnose the captures; write ``report.json`` and ``report.html``."""
+    """Build the captures' atlas on Ray and diagnose with it; write ``report.json`` and ``report.html``."""
     options = DiagnosisOptions(effects=CANDIDATES, resolution_m=resolution_m, workers=workers)
     with TemporaryDirectory() as folder:  # what an earlier run left must not shorten this one
-        found = diagnose(CaptureSet.load(captures), options, cache=DrapeCache(Path(folder)))
+        cache, shown = open_atlas(Path(folder)), CaptureSet.load(captures)
+        parts = atlas_parts(shown, options.chosen(), resolution_m)
+        atlas = build_atlas(parts, cache, solve=solver_on_ray(None, workers))
+        found = diagnose(shown, options, cache=cache)
     report.mkdir(exist_ok=True)
     document = found.report.as_json()
     write_atomically(report / "report.json", (json.dumps(document, indent=1) + "\n").encode())
@@ -83,4 +91,6 @@ def explain(captures: Path, report: Path, *, resolution_m: float, workers: int) 
         top=found.report.cause.top,
         probabilities=dict(found.report.cause.probabilities),
         fraction=None if shrinkage is None else shrinkage["fraction"],
+        atlas=atlas.simulations,
+        solved=found.report.cost.simulations,
     )

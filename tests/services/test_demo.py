@@ -33,6 +33,8 @@ def test_a_tiny_demonstration_leaves_what_its_page_shows(
     assert "DRAPEMETER_WEIGHTS" in document["distances"]["notice"]
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "stands in" in page
+    made = re.search(r"made an atlas first, (\d+) simulations", page)
+    assert made and int(made[1]) > 100
     shown = re.findall(r'(?:src|href)="([^"]+)"', page)
     assert {"sweep.png", "distances.png", "report/report.html", "hanging-depth.png", "stretch-shaded.png"} <= set(shown)
     for name in shown:
