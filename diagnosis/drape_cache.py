@@ -133,14 +133,13 @@ class DrapeCache:
         return {path.relative_to(self.folder).as_posix(): path.read_bytes() for path in paths}
 
     def take(self, files: Mapping[str, bytes]) -> None:
-        """Keep another cache's :meth:`files`, too; what is there stays."""
+        """Keep another cache's :meth:`files`, too."""
         if self.folder is None:
             return
         for place, content in files.items():
             path = self.folder / place
-            if not path.exists():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomically(path, content)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, content)
 
     def _path(self, key: str) -> Path:
         assert self.folder is not None

@@ -13,6 +13,7 @@ from diagnosis.atlas_part import AtlasPart, atlas_parts
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import parse_effect
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
+from services.cli import main
 from services.dataset import atlas as on_ray
 from services.dataset.atlas import solver_on_ray
 from simcore.errors import InputError
@@ -51,6 +52,11 @@ def test_workers_of_ray_keep_what_one_process_keeps(
         assert own.keys() == other.keys() and all(np.array_equal(own[key], other[key]) for key in own)
     monkeypatch.setattr(on_ray, "ray_cluster", None)  # with nothing to solve no cluster is asked for
     assert build_atlas(parts, there, None, solver_on_ray(None, 1)).simulations == 0
+
+
+def test_a_cluster_is_only_for_building_an_atlas(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--address", "auto"]) == 2
+    assert "--build-atlas" in capsys.readouterr().err
 
 
 def test_a_cluster_that_does_not_answer_is_one_clear_error(parts: list[AtlasPart], tmp_path: Path) -> None:
