@@ -42,7 +42,7 @@ def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: S
         f"Written by `drapemeter blind score` ({MODEL_VERSION}), not by hand. {len(answers)} of {manifest['cases']} "
         f"sealed cases, as many as were diagnosed when it was written, from seed {manifest['seed']}: "
         f"{manifest['fabrics']} fabrics x {scenes} x {manifest['repeats']} repeats each, of {manifest['pool']} "
-        f"fabrics, simulated on a {1e3 * manifest['resolution_m']:.3g} mm mesh (the diagnosis uses "
+        f"fabrics, simulated on cells of {1e3 * manifest['resolution_m']:.3g} mm (the diagnosis uses "
         "10 mm), stated parameters 7 % off, magnets 0.4 mm off in every repeat, sensor noise. Labels lay in files of "
         "their own, their SHA-256 in the sets, and were opened after these cases had been diagnosed.",
         "",

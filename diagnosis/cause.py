@@ -30,6 +30,8 @@ REFERENCE_ROUNDS = 4
 """So often another explanation may turn out to be the best one when all are held against it."""
 TOLERATED = 0.7
 """Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
+SAID, UNSAID = 0.5, 0.35
+"""An effect that gains more than this share of what a mixture gains, and leaves less than this to it, explains it."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +209,8 @@ def _besides(
 ) -> float:
     """Log evidence of something outside the catalogue, alone (half of the cases) or beside one of the best effects.
 
-    It shows in a mixture of changes that is the same for all fabrics, in shared numbers that are off, or in both.
+    It shows in a mixture of changes that is the same for all fabrics, in shared numbers that are off, or in both. What
+    a mixture gains alone is nothing unknown where one of the best effects leaves little of it.
     """
     mixture = Mixture.of(effects, blocks, model)
     calm = np.zeros((1, len(pixels.measured)))
@@ -219,17 +222,34 @@ def _besides(
         return float(logsumexp([mixed, numbers, mixed + numbers], b=[0.5, 0.25, 0.25]))
 
     alone, numbers = mixture.gain([block.stated.measured for block in blocks]), shared(pixels)
-    found = [evidence["none"].log_evidence + either(mixture.evidence(alone), numbers) + np.log(0.5)]
+    unexplained, nothing = mixture.evidence(alone), evidence["none"].log_evidence
+    found = []
     rest = sum(share for name, share in shares.items() if name not in NOT_EFFECTS)
     usable = [name for name in effects if not get_effect(name).random_repeats]
     for name in sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
         size = evidence[name].size
         own = [responses_at_place(block.stated.responses, name, size) for block in blocks]
         left = mixture.gain([without(block, name, size).stated.measured for block in blocks], own)
-        mixed = mixture.evidence(left, beside=TOLERATED * max(0.0, float(alone.max())))
+        tolerated = TOLERATED * max(0.0, float(alone.max()))
+        mixed = mixture.evidence(left, beside=tolerated)
         beside = shared(pixels_without(pixels, name, size)) - TOLERATED * max(0.0, numbers)
         found.append(evidence[name].log_evidence + either(mixed, beside) + np.log(0.5 * shares[name] / rest))
+        gained = evidence[name].log_evidence - nothing
+        if is_said_again(float(alone.max()), float(left.max()), gained):
+            unexplained = min(unexplained, gained + mixed)
+    found.append(nothing + either(unexplained, numbers) + np.log(0.5))
     return float(logsumexp(found))
+
+
+def is_said_again(alone: float, left: float, gained: float) -> bool:
+    """Whether a mixture says of a set what one effect says, too: its own response is among what it is mixed of.
+
+    Args:
+        alone: what the mixture gains without the effect.
+        left: the same beside it.
+        gained: by the effect [all in nats, against nothing].
+    """
+    return alone > 0.0 and gained > SAID * alone and left < UNSAID * alone
 
 
 def _by_more_than_one(found: Evidence, other: Evidence) -> Evidence:

@@ -12,7 +12,7 @@ import pytest
 
 from diagnosis import refinement
 from diagnosis.block import Block, PixelBlock, View
-from diagnosis.cause import Cause, name_cause
+from diagnosis.cause import Cause, is_said_again, name_cause
 from diagnosis.changes import rim_forms
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
@@ -177,6 +177,22 @@ def test_what_no_effect_describes_is_unknown() -> None:
 def test_an_effect_of_the_catalogue_leaves_nothing_over() -> None:
     cause = name_cause(EFFECTS, fabrics(range(FABRICS), "air_draft"), quiet())
     assert cause.named == ("air_draft",) and cause.probabilities["unknown"] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("alone", "left", "gained", "again"),
+    [
+        (20.0, -3.0, 15.0, True),  # the effect explains it
+        (20.0, 5.0, 15.0, True),  # nearly all of it
+        (20.0, 10.0, 15.0, False),  # half of it is left over
+        (20.0, -3.0, 6.0, False),  # granted any size it would, at its own it gains little
+        (-2.0, -3.0, 1.0, False),  # there is nothing to explain
+    ],
+)
+def test_a_mixture_that_says_what_an_effect_says_is_nothing_unknown(
+    alone: float, left: float, gained: float, again: bool
+) -> None:
+    assert is_said_again(alone, left, gained) is again
 
 
 def test_shared_numbers_that_contradict_an_effect_speak_for_something_unknown() -> None:
