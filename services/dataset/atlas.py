@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from diagnosis.atlas import PartSolver
 from diagnosis.atlas_part import AtlasPart
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.simulator import Cost
 from services.dataset.cluster import ray_cluster
+from services.dataset.spread import spread
 from simcore.errors import SimulationError
-
-WINDOW_PER_CORE = 2
-"""Parts under way for each worker: enough to keep it busy, few enough to hold in memory."""
-RETRIES = 3
-"""So often a part is begun again whose worker or node died."""
 
 
 def solver_on_ray(address: str | None, workers: int | None) -> PartSolver:
@@ -33,24 +28,17 @@ def solver_on_ray(address: str | None, workers: int | None) -> PartSolver:
     def solve(parts: Sequence[AtlasPart], cache: DrapeCache) -> Iterator[Cost]:
         if not parts:
             return
-        with ray_cluster(address, workers) as count:
-            yield from _spread(parts, cache, count * WINDOW_PER_CORE)
+        with ray_cluster(address, workers) as cores:
+            yield from _keep(parts, cache, cores)
 
     return solve
 
 
-def _spread(parts: Sequence[AtlasPart], cache: DrapeCache, window: int) -> Iterator[Cost]:
+def _keep(parts: Sequence[AtlasPart], cache: DrapeCache, cores: int) -> Iterator[Cost]:
     import ray
 
-    remote = ray.remote(_solve_apart).options(num_cpus=1, max_retries=RETRIES)
-    waiting = list(reversed(parts))
-    pending: list[Any] = []
     try:
-        while waiting or pending:
-            while waiting and len(pending) < window:
-                pending.append(remote.remote(waiting.pop()))
-            done, pending = ray.wait(pending, num_returns=1)
-            files, cost = ray.get(done[0])
+        for files, cost in spread(_solve_apart, parts, cores):
             cache.take(files)
             yield cost
     except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError, ray.exceptions.NodeDiedError) as error:
@@ -59,9 +47,6 @@ def _spread(parts: Sequence[AtlasPart], cache: DrapeCache, window: int) -> Itera
             "may be out of memory; try fewer workers or a coarser mesh. What is solved is kept",
             code="worker_died",
         ) from None
-    finally:
-        for task in pending:
-            ray.cancel(task)
 
 
 def _solve_apart(part: AtlasPart) -> tuple[dict[str, bytes], Cost]:
