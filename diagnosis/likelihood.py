@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,10 +56,11 @@ class LikelihoodModel:
     def log_density(self, square: Array, dimension: float, scene: str) -> Array:
         """Log density of ``dimension`` errors of one unknown scale at squared length ``square`` (up to 2 pi's)."""
         spread = self.spread_hanging if scene == "hanging" else self.spread_stretch
-        weight = -0.5 * (np.log(SCALES) / spread) ** 2
-        weight = weight - float(logsumexp(weight))
+        weight = _scale_weights(spread)
         values = -0.5 * np.asarray(square)[..., None] / SCALES**2 - dimension * np.log(SCALES) + weight
-        return np.asarray(logsumexp(values, axis=-1) - 0.5 * dimension * np.log(2 * np.pi))
+        most = values.max(axis=-1)  # scipy's logsumexp takes three times as long over rows this short
+        total = most + np.log(np.exp(values - most[..., None]).sum(axis=-1))
+        return np.asarray(total - 0.5 * dimension * np.log(2 * np.pi))
 
     def patience(self, scene: str) -> float:
         """Of a block of this scene."""
@@ -72,6 +74,13 @@ class LikelihoodModel:
     def moved(self, scene: str) -> float:
         """Of a block of this scene."""
         return self.moved_hanging if scene == "hanging" else self.moved_stretch
+
+
+@cache
+def _scale_weights(spread: float) -> Array:
+    """Log of the weights of :data:`SCALES`, [scales]."""
+    weight = -0.5 * (np.log(SCALES) / spread) ** 2
+    return np.asarray(weight - logsumexp(weight))
 
 
 def log_student(square: Array | float, dimension: float, degrees: float) -> Array:
@@ -116,8 +125,8 @@ def view_log_likelihood(residual: Array, response: Array, log_det: float, scene:
 
 def over_views(value: Array, model: LikelihoodModel) -> Array:
     """Of a block whose fabric may have wrong parameters: [views, sizes] to [sizes]."""
-    weights = np.log([1 - model.wide_fabric, model.wide_fabric])[:, None]
-    return np.asarray(logsumexp(value + weights, axis=0))
+    stated, wide = value
+    return np.asarray(np.logaddexp(stated + np.log1p(-model.wide_fabric), wide + np.log(model.wide_fabric)))
 
 
 def combine(
