@@ -12,6 +12,7 @@ from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult
 from diagnosis.features import PLANE_NAMES
 from diagnosis.noise import NoiseModel, feature_covariance, stacked_jacobian
+from diagnosis.pixel_statistics import PIXEL_NAMES
 
 Array = NDArray[np.float64]
 
@@ -152,10 +153,14 @@ class PixelBlock:
 def make_pixel_block(captures: Sequence[CaptureResult], model: NoiseModel) -> PixelBlock:
     """The median of each number over the captures that have it; camera and sensor are one for all.
 
-    Pixel statistics count where the sensor is stated, the plane (offset and slopes) where the pose is.
+    Pixel statistics count where the sensor is stated, the plane (offset and slopes) where the pose is. The former are
+    taken in ``stretch`` where there is one: in ``hanging`` folds that fell elsewhere make edges, and noise across them.
     """
     deviation = np.stack([_deviation(c) for c in captures])
     seen = np.isfinite(deviation)
+    folds = np.array([c.scene == "hanging" for c in captures])
+    in_stretch = seen[~folds].any(axis=0) & (np.arange(seen.shape[1]) < len(PIXEL_NAMES))
+    seen &= ~np.outer(folds, in_stretch)
     count = seen.sum(axis=0)
     usable = count > 0
     sigma = np.array([*model.pixel_sigma, *[model.plane_m] * len(PLANE_NAMES)])

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.block import Block, PixelBlock
@@ -17,6 +18,7 @@ from diagnosis.likelihood import ALONE_NATS, LikelihoodModel, pixel_log_likeliho
 from diagnosis.remainder import Mixture
 from diagnosis.subtract import pixels_without, responses_at_place, without
 
+Array = NDArray[np.float64]
 NOT_EFFECTS = ("none", "unknown")
 SECOND_NATS = 2.0
 """A second effect that explains no more than this adds nothing."""
@@ -31,7 +33,7 @@ REFERENCE_ROUNDS = 4
 TOLERATED = 0.7
 """Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
 SAID, UNSAID = 0.5, 0.35
-"""An effect that gains more than this share of what a mixture gains, and leaves less than this to it, explains it."""
+"""One effect, or two, that gain more than this share of what a mixture gains, and leave less than this, explain it."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ def name_cause(
         if pair.evidence.log_evidence > evidence[first].log_evidence + SECOND_NATS:
             found.append(pair)
     if pairs and len({block.fabric for block in blocks}) > 1:
-        besides = _besides(effects, blocks, pixels, model, evidence, shares)
+        besides = _besides(effects, blocks, pixels, model, evidence, shares, found)
         known = evidence["unknown"].log_evidence + np.log1p(-REMAINDER_SHARE)
         total = float(np.logaddexp(known, besides + np.log(REMAINDER_SHARE)))
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
@@ -206,11 +208,12 @@ def _besides(
     model: LikelihoodModel,
     evidence: Mapping[str, Evidence],
     shares: Mapping[str, float],
+    pairs: Sequence[Pair],
 ) -> float:
     """Log evidence of something outside the catalogue, alone (half of the cases) or beside one of the best effects.
 
     It shows in a mixture of changes that is the same for all fabrics, in shared numbers that are off, or in both. What
-    a mixture gains alone is nothing unknown where one of the best effects leaves little of it.
+    a mixture gains alone is nothing unknown where one of the best effects, or two together, leave little of it.
     """
     mixture = Mixture.of(effects, blocks, model)
     calm = np.zeros((1, len(pixels.measured)))
@@ -221,33 +224,42 @@ def _besides(
     def either(mixed: float, numbers: float) -> float:
         return float(logsumexp([mixed, numbers, mixed + numbers], b=[0.5, 0.25, 0.25]))
 
+    def left_by(sizes: Mapping[str, Mapping[str, float]]) -> Array:
+        """What mixtures still gain beside effects of some sizes, how these would change with their size granted."""
+        left, usable = list(blocks), [name for name in sizes if not get_effect(name).random_repeats]
+        for name in usable:
+            left = [without(block, name, sizes[name]) for block in left]
+        own = [[responses_at_place(block.stated.responses, name, sizes[name]) for name in usable] for block in blocks]
+        return mixture.gain([block.stated.measured for block in left], [np.concatenate(rows) for rows in own])
+
     alone, numbers = mixture.gain([block.stated.measured for block in blocks]), shared(pixels)
     unexplained, nothing = mixture.evidence(alone), evidence["none"].log_evidence
-    found = []
+    tolerated = TOLERATED * max(0.0, float(alone.max()))
+    found, said = [], []
     rest = sum(share for name, share in shares.items() if name not in NOT_EFFECTS)
     usable = [name for name in effects if not get_effect(name).random_repeats]
     for name in sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
         size = evidence[name].size
-        own = [responses_at_place(block.stated.responses, name, size) for block in blocks]
-        left = mixture.gain([without(block, name, size).stated.measured for block in blocks], own)
-        tolerated = TOLERATED * max(0.0, float(alone.max()))
-        mixed = mixture.evidence(left, beside=tolerated)
+        left = left_by({name: size})
+        said.append((evidence[name].log_evidence - nothing, left))
         beside = shared(pixels_without(pixels, name, size)) - TOLERATED * max(0.0, numbers)
-        found.append(evidence[name].log_evidence + either(mixed, beside) + np.log(0.5 * shares[name] / rest))
-        gained = evidence[name].log_evidence - nothing
+        mixed = either(mixture.evidence(left, beside=tolerated), beside)
+        found.append(evidence[name].log_evidence + mixed + np.log(0.5 * shares[name] / rest))
+    said += [(pair.evidence.log_evidence - nothing, left_by(pair.sizes)) for pair in pairs]
+    for gained, left in said:
         if is_said_again(float(alone.max()), float(left.max()), gained):
-            unexplained = min(unexplained, gained + mixed)
+            unexplained = min(unexplained, gained + mixture.evidence(left, beside=tolerated))
     found.append(nothing + either(unexplained, numbers) + np.log(0.5))
     return float(logsumexp(found))
 
 
 def is_said_again(alone: float, left: float, gained: float) -> bool:
-    """Whether a mixture says of a set what one effect says, too: its own response is among what it is mixed of.
+    """Whether a mixture says of a set what one effect, or two, say too: their responses are among what it is mixed of.
 
     Args:
-        alone: what the mixture gains without the effect.
-        left: the same beside it.
-        gained: by the effect [all in nats, against nothing].
+        alone: what the mixture gains without them.
+        left: the same beside them.
+        gained: by them [all in nats, against nothing].
     """
     return alone > 0.0 and gained > SAID * alone and left < UNSAID * alone
 

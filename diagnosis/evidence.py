@@ -13,7 +13,7 @@ from scipy.stats import f as f_distribution
 
 from diagnosis.block import Block, PixelBlock, View, whiten
 from diagnosis.effect import SCALAR, Effect
-from diagnosis.intervals import size_interval
+from diagnosis.intervals import all_inside, size_interval
 from diagnosis.likelihood import (
     LikelihoodModel,
     combine,
@@ -47,6 +47,8 @@ LARGER_SHARE = 0.5
 """Of ``unknown``: errors larger than modelled all over; the rest are smooth changes."""
 FURTHER_DRAWS = 0.7
 """Root mean square of what further random draws give that the simulated ones do not span, of the latter's."""
+SCATTER_LEFT = 0.5
+"""Of the scatter that an effect gives, what is left between captures and the states that they themselves lead to."""
 SIZE_SHARES = {"cloth": 0.2, "camera": 0.15, "scatter": 0.4, "sensor": 0.0}
 """Relative error of a fitted size that all captures share: wrong in form, a simulated response is fitted too short or
 too long everywhere; what moved magnets explain of scatter is missing from it."""
@@ -68,7 +70,7 @@ class Evidence:
         size: most probable size, by component; empty for ``none`` and ``unknown``.
         usual: the most probable of the sizes inside the effect's range.
         usual_evidence: log evidence of those alone.
-        interval_90: of the components that have a prior.
+        interval_90: of the components that have a prior; all of a vector's lie inside theirs with 90 %.
     """
 
     name: str
@@ -121,7 +123,8 @@ class Table:
         usual, usual_evidence = self.sizes[int(np.argmax(inside))], float(logsumexp(inside))
         if self.sigma:
             shared = self.share * float(np.linalg.norm([size[n] for n in self.sigma]))
-            half = {n: 1.645 * float(np.hypot(d, shared)) for n, d in self.sigma.items()}
+            wide = all_inside(len(self.sigma))
+            half = {n: wide * float(np.hypot(d, shared)) for n, d in self.sigma.items()}
             interval = {n: (size[n] - h, size[n] + h) for n, h in half.items()}
         elif SCALAR in size:
             values = np.array([s[SCALAR] for s in self.sizes])
@@ -263,7 +266,7 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
     change of the same size, another one in every capture.
     """
     sizes = grid(effect)
-    step = np.abs(sizes) / node_values(effect)[0]
+    step = SCATTER_LEFT * np.abs(sizes) / node_values(effect)[0]
     in_stretch = any(block.scene == "stretch" for block in blocks)
     values = []
     for block in blocks:

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 Array = NDArray[np.float64]
+
+
+def all_inside(count: int) -> float:
+    """Half width, in standard deviations, of intervals that hold all of so many independent numbers with 90 %."""
+    return float(norm.ppf(0.5 + 0.5 * 0.9 ** (1.0 / count)))
 
 
 def size_interval(sizes: Array, mass: Array, top: float, share: float = 0.0) -> tuple[float, float]:

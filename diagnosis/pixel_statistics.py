@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from diagnosis.reference import Reference
 
+LEAST_STEP_M = 0.0005
+"""Depth values nearer to each other than this count as continuous."""
 EDGE_M = 0.012
 EDGE_NOISES = 7.0
 """A depth edge is larger than this length and than so many standard deviations of the noise."""
@@ -18,7 +20,8 @@ def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArra
 
     Returns:
         float64 [7]: log of the noise [m] in the difference between pixels two apart; correlation of neighbouring
-        pixels' noise; log of the distance between depth values that occur [m]; share of pixels without data; share of
+        pixels' noise; log of the distance between depth values that occur [m], at least
+        :data:`LEAST_STEP_M`; share of pixels without data; share of
         edge pixels between the two sides; mean absolute difference at edges, as a share of the step; mean change of
         that mixture from one pixel to the next along the edge (a blur mixes evenly, stray pixels do not). NaN where
         too little is seen.
@@ -59,7 +62,7 @@ def _step(values: NDArray[np.float32]) -> float:
     present = np.unique(np.round(values[(values >= low) & (values <= high)], 6))
     gaps = np.diff(present)
     gaps = gaps[gaps > 2e-6]
-    return float(np.log(np.median(gaps))) if gaps.size >= 3 else float("nan")
+    return float(np.log(max(LEAST_STEP_M, np.median(gaps)))) if gaps.size >= 3 else float("nan")
 
 
 def _edges(depth: NDArray[np.float32], least_m: float) -> tuple[float, float, float]:

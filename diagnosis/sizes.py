@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from diagnosis.effect import SCALAR, Component, Effect, Stage
 
 GRID_POINTS = 49
+PIXEL_NODES, BELOW = 10, 0.8
+"""So many sizes of an effect on pixels are rendered, from this share of its least: statistics are far from linear."""
 FITTED_SHARE = 0.15
 """Relative error of a fitted size at the ends of its prior."""
 
@@ -20,6 +22,8 @@ def node_values(effect: Effect) -> list[float]:
     component = next(iter(effect.components.values()))
     if effect.random_repeats:
         return [component.high]
+    if effect.stage is Stage.SENSOR and not component.signed:
+        return [float(size) for size in np.geomspace(BELOW * component.low, component.high, PIXEL_NODES)]
     if effect.vanishes_at_zero:
         steps = (0.25, 0.5, 0.75, 1.0) if effect.stage is Stage.SENSOR else (0.5, 1.0)  # rendering costs little
         sizes = [step * component.high for step in steps]

@@ -1,9 +1,9 @@
 """Version of the diagnosis: goes into every report and into the key of every cached simulation."""
 
-MODEL_VERSION = "drapemeter-diagnosis/9"
+MODEL_VERSION = "drapemeter-diagnosis/10"
 SIMULATION_VERSION = 2
 """Raised when the solver's results change: cached drapes of another number are not used."""
 RESPONSES_VERSION = 2
 """Raised when what is measured on a simulated picture changes."""
-PIXELS_VERSION = 4
+PIXELS_VERSION = 5
 """The same of pixel statistics."""

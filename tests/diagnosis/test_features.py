@@ -77,3 +77,13 @@ def test_pixel_statistics_answer_their_mechanism(
 
     change = statistics(sensor) - statistics(SensorModel(range_noise_m=0.001, quantisation_m=0.0002))
     assert change > least
+
+
+def test_steps_finer_than_half_a_millimetre_count_as_continuous(reference: Reference) -> None:
+    steps = []
+    for quantisation_m in (0.0, 0.0002, 0.001, 0.003):
+        noisy = SensorModel(range_noise_m=0.001, quantisation_m=quantisation_m).apply(
+            reference.depth, np.random.default_rng(3)
+        )
+        steps.append(float(np.exp(measure(noisy, reference).pixels[PIXEL_NAMES.index("log_step")])))
+    np.testing.assert_allclose(steps, [0.0005, 0.0005, 0.001, 0.003], rtol=0.01)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.intervals import size_interval
+from diagnosis.intervals import all_inside, size_interval
 
 
 def test_an_interval_holds_the_size_that_has_all_the_mass() -> None:
@@ -41,3 +41,9 @@ def test_an_error_that_all_captures_share_widens_an_interval_by_a_share_of_the_s
 def test_a_side_that_reaches_zero_is_left_as_it_is() -> None:
     sizes, mass = np.array([-1.0, 0.0, 1.0, 2.0]), np.array([0.3, 0.2, 0.3, 0.2])
     assert size_interval(sizes, mass, 1.0, 0.2)[0] == size_interval(sizes, mass, 1.0)[0] < 0.0
+
+
+def test_intervals_of_several_numbers_hold_all_of_them_together() -> None:
+    assert all_inside(1) == pytest.approx(1.645, abs=1e-3)
+    drawn = np.abs(np.random.default_rng(2).standard_normal((100_000, 3)))
+    assert np.mean((drawn < all_inside(3)).all(axis=1)) == pytest.approx(0.9, abs=0.005)
