@@ -195,6 +195,29 @@ def test_a_mixture_that_says_what_an_effect_says_is_nothing_unknown(
     assert is_said_again(alone, left, gained) is again
 
 
+@pytest.mark.parametrize(("left_by_both", "unknown"), [(-5.0, False), (30.0, True)])
+def test_what_two_effects_say_together_is_nothing_unknown(
+    left_by_both: float, unknown: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mixture that gains 60 nats, and 40 beside either effect, counts only if both together leave it much, too."""
+    size = {SCALAR: 1.0, **get_effect("crease").places[0]}
+    blocks = []
+    for block in fabrics(range(FABRICS), "air_draft"):
+        crease = node_weights(get_effect("crease"), size) @ block.stated.responses["crease"]
+        view = replace(block.stated, measured=block.stated.measured + crease)
+        blocks.append(replace(block, stated=view, wide=view))
+    of_one = {len(responses_at_place(blocks[0].stated.responses, name, size)) for name in EFFECTS}
+
+    def gain(self: Mixture, left: object, granted: Sequence[np.ndarray] | None = None) -> np.ndarray:
+        nats = 60.0 if granted is None else 40.0 if len(granted[0]) in of_one else left_by_both
+        return np.full(len(self.families), nats)
+
+    monkeypatch.setattr(Mixture, "gain", gain)
+    cause = name_cause(EFFECTS, blocks, quiet())
+    assert (cause.top == "unknown") is unknown
+    assert unknown or set(cause.named) == set(EFFECTS)
+
+
 def test_shared_numbers_that_contradict_an_effect_speak_for_something_unknown() -> None:
     pixels = quiet(len(PLANE_NAMES))
     off = PixelBlock(np.full(len(PLANE_NAMES), 40.0), pixels.responses, sensor_known=False)

@@ -1,0 +1,61 @@
+"""An effect that is another in every repeat, on measurements made up for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.block import Block, PixelBlock, View
+from diagnosis.effect import SCALAR
+from diagnosis.effects import get_effect
+from diagnosis.evidence import SCATTER_LEFT, tabulate, tabulate_nothing
+from diagnosis.likelihood import LikelihoodModel
+from diagnosis.reference import CELLS
+from diagnosis.sizes import node_values
+from diagnosis.smooth_modes import smooth_modes
+
+COUNT, REPEATS, FABRICS = CELLS * CELLS, 2, 4
+EFFECT = get_effect("bending_hysteresis")
+SIMULATED = node_values(EFFECT)[0]
+QUIET = PixelBlock(np.zeros(1), {EFFECT.name: np.zeros((len(EFFECT.places), 1))}, sensor_known=False)
+
+
+def fabrics(size: float, *, shared: bool = False) -> list[Block]:
+    """Fabrics in ``stretch`` whose repeats show smooth random changes of this size, or all the same one.
+
+    Errors of 0.3 mm; the simulated draws are five errors large. Half of what the effect gives is left to be seen.
+    """
+    rng = np.random.default_rng(5)
+    modes = smooth_modes()[:COUNT] / np.sqrt(np.mean(np.sum(smooth_modes()[:COUNT] ** 2, axis=1)))
+    blocks = []
+    for fabric in range(FABRICS):
+        draws = 5.0 * (modes @ rng.standard_normal((modes.shape[1], 3 + REPEATS))).T
+        seen = np.repeat(draws[-1:], REPEATS, axis=0) if shared else draws[3:]
+        measured = (SCATTER_LEFT * size / SIMULATED * seen + rng.standard_normal((REPEATS, COUNT))).ravel()
+        rows = np.concatenate([np.kron(np.eye(REPEATS)[k], draws[:3]) for k in range(REPEATS)])
+        view = View(measured, {}, {EFFECT.name: rows}, 3e-4 * np.eye(REPEATS * COUNT), 0.0)
+        owner, cell = np.repeat(np.arange(REPEATS), COUNT), np.tile(np.arange(COUNT), REPEATS)
+        none = np.zeros((0, REPEATS * COUNT))
+        blocks.append(Block(f"f{fabric}", "stretch", ("a", "b"), view, view, cell, owner, none, none, none))
+    return blocks
+
+
+def gain(blocks: list[Block]) -> tuple[float, float]:
+    """Log evidence over that of nothing, and the most probable size."""
+    model = LikelihoodModel()
+    nothing = tabulate_nothing(blocks, QUIET, model)
+    best = [float(value.max()) for value in nothing.blocks]
+    found = tabulate(EFFECT, blocks, QUIET, model).weigh(blocks, best, model)
+    return found.log_evidence - nothing.weigh(blocks, best, model).log_evidence, found.size[SCALAR]
+
+
+@pytest.mark.parametrize("size", [7.0, 14.0])
+def test_repeats_that_scatter_give_the_size_of_what_scatters_them(size: float) -> None:
+    nats, fitted = gain(fabrics(size))
+    assert nats > 3.0
+    assert fitted == pytest.approx(size, rel=0.3)
+
+
+def test_repeats_that_agree_show_no_scatter() -> None:
+    assert gain(fabrics(0.0))[0] < 0.0
+    assert gain(fabrics(14.0, shared=True))[0] < gain(fabrics(14.0))[0] - 10.0
