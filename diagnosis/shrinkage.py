@@ -26,8 +26,8 @@ from diagnosis.workers import ALONE, Workers
 Array = NDArray[np.float64]
 PLAIN = 3.0
 """Standard deviations beyond which a shared number shows an effect."""
-WORSE, HELPFUL = -0.25, 0.5
-"""An effect that closes less than the one share of the gap, and surely less than the other, is none of it."""
+WORSE = -0.25
+"""An effect that closes less than this share of the gap is none of it: in 300 sealed cases six answers did, five wrong."""
 DRAWS = 400
 PixelsOf = Callable[[Set[str]], PixelBlock]
 
@@ -231,7 +231,7 @@ def measure_shrinkage(
 
 def is_refuted(shrinkage: Shrinkage) -> bool:
     """Simulated afresh on fabrics that had no part in finding it, the effect plainly takes the simulation away."""
-    return shrinkage.simulated_afresh and shrinkage.fraction < WORSE and shrinkage.interval_90[1] < HELPFUL
+    return shrinkage.simulated_afresh and shrinkage.fraction < WORSE
 
 
 def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:

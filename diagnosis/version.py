@@ -1,6 +1,6 @@
 """Version of the diagnosis: goes into every report and into the key of every cached simulation."""
 
-MODEL_VERSION = "drapemeter-diagnosis/10"
+MODEL_VERSION = "drapemeter-diagnosis/11"
 SIMULATION_VERSION = 2
 """Raised when the solver's results change: cached drapes of another number are not used."""
 RESPONSES_VERSION = 2
