@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 PLAIN = 3.0
 """Standard deviations beyond which a shared number shows an effect."""
 WORSE = -0.25
-"""An effect that closes less than this share of the gap is none of it: of six such in 300 sealed cases five were wrong."""
+"""An effect that closes less than this share of the gap is none of it: of six in 300 sealed cases five were wrong."""
 DRAWS = 400
 PixelsOf = Callable[[Set[str]], PixelBlock]
 
