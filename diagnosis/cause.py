@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +92,7 @@ class Cause:
         factor: log of the odds of the captures under anything but ``none`` against ``none``.
         pair: the best pair, where one was tried.
         pair_probability: of all pairs.
+        alone: what of the probabilities is not a pair's.
     """
 
     probabilities: Mapping[str, float]
@@ -99,6 +100,7 @@ class Cause:
     factor: float
     pair: Pair | None = None
     pair_probability: float = 0.0
+    alone: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def top(self) -> str:
@@ -115,12 +117,23 @@ class Cause:
         return (self.top,)
 
     def refuted(self) -> Cause:
-        """With little probability left for what is named; ``none`` and ``unknown`` share the rest as they stand."""
+        """With little probability left for what is named.
+
+        ``none`` and ``unknown`` share the rest as they stand; what two effects together lose, all explanations by one.
+        """
+        if len(self.named) == 2:
+            together = {name: p - self.alone[name] for name, p in self.probabilities.items()}
+            spared = 1.0 - REFUTED * self.pair_probability
+            single = {name: p + 1e-300 for name, p in self.alone.items()}
+            total = sum(single.values())
+            apart = {name: spared * p / total for name, p in single.items()}
+            changed = {name: p + REFUTED * together[name] for name, p in apart.items()}
+            return replace(self, probabilities=changed, pair_probability=1.0 - spared, alone=apart)
         lost = {name: (1.0 - REFUTED) * self.probabilities[name] for name in self.named}
         calm = {name: self.probabilities[name] + 1e-300 for name in NOT_EFFECTS}
         given = {name: sum(lost.values()) * value / sum(calm.values()) for name, value in calm.items()}
         changed = {n: p - lost.get(n, 0.0) + given.get(n, 0.0) for n, p in self.probabilities.items()}
-        return replace(self, probabilities=changed, pair_probability=0.0)
+        return replace(self, probabilities=changed, pair_probability=0.0, alone=changed)
 
     def size(self, name: str) -> Mapping[str, float]:
         """Fitted size of a named effect."""
@@ -284,14 +297,15 @@ def _weigh(
     chance = [2 * prior.two * before[p.first] * before[p.second] / rest**2 for p in pairs]
     two = [p.evidence.log_evidence + np.log(share) for p, share in zip(pairs, chance, strict=True)]
     total = float(logsumexp([*weight.values(), *two]))
-    probabilities = {name: float(np.exp(w - total)) for name, w in weight.items()}
+    alone = {name: float(np.exp(w - total)) for name, w in weight.items()}
+    probabilities = dict(alone)
     for pair, w in zip(pairs, two, strict=True):
         probabilities[pair.first] += 0.501 * float(np.exp(w - total))
         probabilities[pair.second] += 0.499 * float(np.exp(w - total))
     others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
     factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
     best = pairs[int(np.argmax(two))] if pairs else None
-    return Cause(probabilities, evidence, float(factor), best, float(np.exp(np.array(two) - total).sum()))
+    return Cause(probabilities, evidence, float(factor), best, float(np.exp(np.array(two) - total).sum()), alone)
 
 
 def _pairs(

@@ -195,6 +195,9 @@ class _Conclusion:
 
         judge = Judge(looks, self.workers)
         measured = measure_shrinkage(cause, self.effects, blocks, pixels_of, self.model, judge)
+        if measured is not None and len(cause.named) == 2 and is_refuted(measured.shrinkage):
+            cause = cause.refuted()  # one of the two may be there
+            measured = measure_shrinkage(cause, self.effects, blocks, pixels_of, self.model, judge)
         if measured is not None and is_refuted(measured.shrinkage):
             cause, measured = cause.refuted(), None
         cost = _cost(results, looks)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from diagnosis.cause import Cause, Pair
+from diagnosis.evidence import Evidence
 from diagnosis.report import Shrinkage
 from diagnosis.shrinkage import WORSE, is_refuted
 
@@ -34,3 +36,29 @@ def test_an_effect_that_closes_nothing_is_not_refuted() -> None:
 
 def test_known_responses_alone_refute_nothing() -> None:
     assert not is_refuted(shrinkage(-1.0, 0.0, afresh=False))
+
+
+def two_effects(unknown: float) -> Cause:
+    """Two effects together 0.9 probable; alone, the first of them, or something unknown."""
+    first, second = "edge_flying_pixels", "stretch_stiffening"
+    evidence = {name: Evidence(name, 0.0, 0.0, {}, {}, {}, 0.0, {}) for name in (first, second, "none", "unknown")}
+    alone = {first: 0.1 - unknown - 1e-9, second: 0.0, "none": 1e-9, "unknown": unknown}
+    together = {**alone, first: alone[first] + 0.45, second: 0.45}
+    pair = Pair(first, second, {first: {}, second: {}}, evidence[second])
+    return Cause(together, evidence, 10.0, pair, 0.9, alone)
+
+
+def test_two_effects_that_are_refuted_leave_one_of_them_where_it_explains_alone() -> None:
+    cause = two_effects(unknown=0.02)
+    assert set(cause.named) == {"edge_flying_pixels", "stretch_stiffening"}
+    left = cause.refuted()
+    assert left.named == ("edge_flying_pixels",)
+    assert left.probabilities["stretch_stiffening"] == pytest.approx(0.045)
+    assert left.probabilities["unknown"] == pytest.approx(0.91 * 0.2)
+    assert sum(left.probabilities.values()) == pytest.approx(1.0)
+    again = left.refuted()
+    assert again.top == "unknown" and sum(again.probabilities.values()) == pytest.approx(1.0)
+
+
+def test_two_effects_that_are_refuted_leave_nothing_named_where_neither_explains_alone() -> None:
+    assert two_effects(unknown=0.09).refuted().top == "unknown"
