@@ -3,7 +3,7 @@
     python bench/mujoco_captures.py OUT [--sets none panel_tilt ...] [--fabrics 4] [--repeats 2] [--make-only]
 
 Saint Venant-Kirchhoff triangles whose diagonals alternate (with diagonals of one direction MuJoCo's bending is three
-times as stiff across them as along them), point pins, an own panel and jitter, no contact of the cloth with itself. Its
+times as stiff one way as the other), point pins, an own panel and jitter, no contact of the cloth with itself. Its
 cloth is isotropic in the plane of the sheet: fabrics are stated so. Sets that differ by camera and sensor alone share
 their drapes. A drape takes 10 to 90 CPU s, a set of drapes of its own five to ten minutes. Needs the extra ``bench``.
 """
