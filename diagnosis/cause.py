@@ -122,13 +122,12 @@ class Cause:
         ``none`` and ``unknown`` share the rest as they stand; what two effects together lose, all explanations by one.
         """
         if len(self.named) == 2:
-            together = {name: p - self.alone[name] for name, p in self.probabilities.items()}
-            spared = 1.0 - REFUTED * self.pair_probability
+            left = REFUTED * self.pair_probability
             single = {name: p + 1e-300 for name, p in self.alone.items()}
             total = sum(single.values())
-            apart = {name: spared * p / total for name, p in single.items()}
-            changed = {name: p + REFUTED * together[name] for name, p in apart.items()}
-            return replace(self, probabilities=changed, pair_probability=1.0 - spared, alone=apart)
+            alone = {name: (1.0 - left) * p / total for name, p in single.items()}
+            changed = {n: alone[n] + REFUTED * (p - self.alone[n]) for n, p in self.probabilities.items()}
+            return replace(self, probabilities=changed, pair_probability=left, alone=alone)
         lost = {name: (1.0 - REFUTED) * self.probabilities[name] for name in self.named}
         calm = {name: self.probabilities[name] + 1e-300 for name in NOT_EFFECTS}
         given = {name: sum(lost.values()) * value / sum(calm.values()) for name, value in calm.items()}

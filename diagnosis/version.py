@@ -1,4 +1,4 @@
-"""Version of the diagnosis: goes into every report and into the key of every cached simulation."""
+"""Versions: of the diagnosis, which every report states, and of what it keeps, which are in the keys of the cache."""
 
 MODEL_VERSION = "drapemeter-diagnosis/11"
 SIMULATION_VERSION = 2
