@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,8 +41,6 @@ DIAGNOSABLE = {
     "density": (0.08, 0.45),
 }
 """Fabrics that a 10 mm mesh resolves and a depth camera sees."""
-Draper = Callable[[FabricParameters, SimulationScene, tuple[int, ...]], Drape]
-"""Puts a fabric up in a scene; the words are the repeat's seed."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,6 @@ def make_capture_set(
     fabrics: Mapping[int, FabricParameters] | None = None,
     name: str = "synthetic",
     cache: DrapeCache = NO_CACHE,
-    draper: Draper | None = None,
 ) -> CaptureSet:
     """Simulate a capture set and write it.
 
@@ -122,14 +119,13 @@ def make_capture_set(
             simulated is off by the plan's errors.
         name: of the set.
         cache: drapes that other sets of the same seed may share.
-        draper: another simulator; it takes care of mesh and jitter itself.
 
     Raises:
         SimulationError: a drape does not come to rest in several attempts.
     """
     folder.mkdir(parents=True, exist_ok=True)
     stated = dict(fabrics) if fabrics is not None else dict(enumerate(draw_fabrics(plan.fabrics, plan.seed)))
-    put_up = draper or _Shelf(Solver(GridMesh(plan.resolution_m)), plan.jitter, cache).drape
+    shelf = _Shelf(Solver(GridMesh(plan.resolution_m)), plan.jitter, cache)
     entries: list[dict[str, Any]] = []
     for place, (number, fabric) in enumerate(stated.items()):
         real = real_fabric(plan, number, fabric, first=place == 0)
@@ -138,7 +134,7 @@ def make_capture_set(
                 capture_id = f"f{place + 1}-{scene_name}-{repeat}"
                 words = (plan.seed, number, SCENE_NUMBERS[scene_name], repeat)
                 scene = build_scene(scene_name, plan, [(e, _of_repeat(e, size, words)) for e, size in effects])
-                drape = put_up(real, scene, words)
+                drape = shelf.drape(real, scene, words)
                 noise = np.random.default_rng(np.random.SeedSequence((*words, 7, len(name), *name.encode())))
                 depth = scene.sensor.apply(picture_of(drape, scene), noise, camera=scene.camera)
                 write_depth_png(folder / f"{capture_id}.png", depth, SET_CAMERA.depth_unit_m)
