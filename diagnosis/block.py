@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ class View:
         scatter: effect that differs between repeats to whitened responses, each draw on each capture alone, [rows, n].
         factor: Cholesky factor of the covariance: ``factor @ whitened`` is in metres, [n, n].
         log_det: half the log determinant of the covariance.
+        beside: (effect, other) to whitened response of the effect at each of its nodes where the other is there, too,
+            [nodes, n].
+        taken: whitened responses that were taken away from the measurements, [n] each; they are uncertain, too.
     """
 
     measured: Array
@@ -34,6 +37,8 @@ class View:
     scatter: dict[str, Array]
     factor: Array
     log_det: float
+    beside: Mapping[tuple[str, str], Array] = field(default_factory=dict)
+    taken: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -85,11 +90,15 @@ def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model:
     on_plane = np.concatenate([np.arange(c.reference.count + 3) >= c.reference.count for c in captures])
     seen = np.isfinite(measured) & ~on_plane
     stacked = {name: _stacked(captures, name)[:, seen] for name in captures[0].responses.effects}
+    beside = {
+        key: np.concatenate([c.responses.beside[key][0] for c in captures], axis=1)[:, seen]
+        for key in _simulated_together(captures)
+    }
     sizes = [c.reference.count + 3 for c in captures]
     owner = np.repeat(np.arange(len(sizes)), sizes)[seen]
     wide = [max(s, model.wide_sigma) for s in sigma[:6]] + [sigma[6]]
     views = [
-        _view(measured[seen], stacked, owner, feature_covariance(captures, s, model)[np.ix_(seen, seen)])
+        _view(measured[seen], stacked, beside, owner, feature_covariance(captures, s, model)[np.ix_(seen, seen)])
         for s in (sigma, wide)
     ]
     return Block(
@@ -106,11 +115,23 @@ def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model:
     )
 
 
+def _simulated_together(captures: Sequence[CaptureResult]) -> list[tuple[str, str]]:
+    """Pairs that all of some captures were simulated with."""
+    known = [c.responses.beside for c in captures]
+    return [key for key in (known[0] if known else {}) if all(key in other for other in known)]
+
+
 def _stacked(captures: Sequence[CaptureResult], name: str) -> Array:
     return np.concatenate([c.responses.effects[name][0] for c in captures], axis=1)
 
 
-def _view(measured: Array, stacked: dict[str, Array], owner: NDArray[np.intp], covariance: Array) -> View:
+def _view(
+    measured: Array,
+    stacked: Mapping[str, Array],
+    beside: Mapping[tuple[str, str], Array],
+    owner: NDArray[np.intp],
+    covariance: Array,
+) -> View:
     from scipy.linalg import solve_triangular
 
     factor = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
@@ -125,7 +146,8 @@ def _view(measured: Array, stacked: dict[str, Array], owner: NDArray[np.intp], c
         else:
             responses[name] = rows_whitened(rows)
     log_det = float(np.log(np.diag(factor)).sum())
-    return View(rows_whitened(measured[None])[0], responses, scatter, factor, log_det)
+    both = {key: rows_whitened(rows) for key, rows in beside.items()}
+    return View(rows_whitened(measured[None])[0], responses, scatter, factor, log_det, both)
 
 
 def whiten(view: View, columns: Array) -> Array:
@@ -143,11 +165,24 @@ class PixelBlock:
         measured: deviation from what the stated sensor and pose give, [m], NaN-free.
         responses: effect to its response at each node, [nodes, m].
         sensor_known: pixel statistics are among them.
+        beside: (effect, other) to the effect's response at each node where the other one is there, too, [nodes, m].
+        names: of the numbers, [m].
+        taken: responses that were taken away from the measurements, [m] each; they are uncertain, too.
+        vague: further variance of the measurements by what was taken away, [m].
     """
 
     measured: Array
     responses: dict[str, Array]
     sensor_known: bool
+    beside: Mapping[tuple[str, str], Array] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    taken: tuple[Array, ...] = ()
+    vague: Array | float = 0.0
+
+    def vagueness(self, name: str) -> Array:
+        """Standard deviation of what an effect of any size does to numbers that it changes as chance has it, [m]."""
+        chance = np.isin(self.names, get_effect(name).vague) if self.names else np.zeros(len(self.measured), bool)
+        return np.asarray(np.where(chance, np.abs(self.responses[name]).max(axis=0), 0.0))
 
 
 def make_pixel_block(captures: Sequence[CaptureResult], model: NoiseModel) -> PixelBlock:
@@ -170,11 +205,19 @@ def make_pixel_block(captures: Sequence[CaptureResult], model: NoiseModel) -> Pi
         chosen = np.where(seen, values, np.nan)[:, usable]
         return np.asarray(np.nanmedian(chosen, axis=0) / scale[usable]) if usable.any() else np.zeros(0)
 
-    responses = {}
-    for name, (vectors, _) in captures[0].responses.effects.items():
-        nodes = range(len(vectors))
-        responses[name] = np.stack([median(np.stack([_response(c, name, n) for c in captures])) for n in nodes])
-    return PixelBlock(median(deviation), responses, any(c.sensor_known for c in captures))
+    def common(rows: Sequence[tuple[Array, Array]]) -> Array:
+        """Of all captures' responses (vectors, pixels), node by node."""
+        planes = [np.concatenate([pixels, vectors[:, -len(PLANE_NAMES) :]], axis=1) for vectors, pixels in rows]
+        return np.stack([median(values) for values in np.stack(planes, axis=1)])
+
+    responses = {name: common([c.responses.effects[name] for c in captures]) for name in captures[0].responses.effects}
+    where = [c for c in captures if not folds.all() and c.scene != "hanging"] or list(captures)
+    beside = {}
+    for key in _simulated_together(where):
+        rows = [c.responses.beside.get(key, c.responses.effects[key[0]]) for c in captures]
+        beside[key] = common(rows)
+    names = tuple(name for name, there in zip((*PIXEL_NAMES, *PLANE_NAMES), usable, strict=True) if there)
+    return PixelBlock(median(deviation), responses, any(c.sensor_known for c in captures), beside, names)
 
 
 def _deviation(capture: CaptureResult) -> Array:
@@ -186,8 +229,3 @@ def _deviation(capture: CaptureResult) -> Array:
             plane if capture.pose_known else np.full_like(plane, np.nan),
         ]
     )
-
-
-def _response(capture: CaptureResult, name: str, node: int) -> Array:
-    vectors, pixels = capture.responses.effects[name]
-    return np.concatenate([pixels[node], vectors[node, -len(PLANE_NAMES) :]])

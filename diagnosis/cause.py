@@ -12,11 +12,12 @@ from scipy.special import logsumexp
 from diagnosis.block import Block, PixelBlock
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing, tabulate_unknown
+from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing
 from diagnosis.groups import group_of
 from diagnosis.likelihood import ALONE_NATS, LikelihoodModel, pixel_log_likelihood, pixel_unknown
 from diagnosis.remainder import Mixture
-from diagnosis.subtract import pixels_without, responses_at_place, without
+from diagnosis.subtract import pixels_together, pixels_without, responses_at_place, together, without
+from diagnosis.unknown import tabulate_unknown
 
 Array = NDArray[np.float64]
 NOT_EFFECTS = ("none", "unknown")
@@ -91,6 +92,7 @@ class Cause:
         evidence: explanation to its evidence.
         factor: log of the odds of the captures under anything but ``none`` against ``none``.
         pair: the best pair, where one was tried.
+        tried: all pairs that were, those included that explain no more than one effect.
         pair_probability: of all pairs.
         alone: what of the probabilities is not a pair's.
     """
@@ -101,6 +103,7 @@ class Cause:
     pair: Pair | None = None
     pair_probability: float = 0.0
     alone: Mapping[str, float] = field(default_factory=dict)
+    tried: tuple[Pair, ...] = ()
 
     @property
     def top(self) -> str:
@@ -174,19 +177,19 @@ def name_cause(
         }  # pairs gain or lose below these
         both = _pairs(effects, blocks, pixels, model, under_peaks, tables[0])
     evidence = {name: _by_more_than_one(e, alone["none"]) for name, e in alone.items()}
-    found = []
+    tried = []
     for first, sizes, table in both:
         own = table.weigh(blocks, peaks, model)
         shared = evidence[first].log_evidence + _by_more_than_one(own, under_peaks[first]).log_evidence
-        pair = Pair(first, table.name, sizes, replace(own, log_evidence=shared - under_peaks[first].log_evidence))
-        if pair.evidence.log_evidence > evidence[first].log_evidence + SECOND_NATS:
-            found.append(pair)
+        told = replace(own, log_evidence=shared - under_peaks[first].log_evidence)
+        tried.append(Pair(first, table.name, sizes, told))
+    found = [p for p in tried if p.evidence.log_evidence > evidence[p.first].log_evidence + SECOND_NATS]
     if pairs and len({block.fabric for block in blocks}) > 1:
         besides = _besides(effects, blocks, pixels, model, evidence, shares, found)
         known = evidence["unknown"].log_evidence + np.log1p(-REMAINDER_SHARE)
         total = float(np.logaddexp(known, besides + np.log(REMAINDER_SHARE)))
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
-    return _weigh(shares, evidence, found, prior)
+    return replace(_weigh(shares, evidence, found, prior), tried=tuple(tried))
 
 
 def _reference(
@@ -239,9 +242,14 @@ def _besides(
     def left_by(sizes: Mapping[str, Mapping[str, float]]) -> Array:
         """What mixtures still gain beside effects of some sizes, how these would change with their size granted."""
         left, usable = list(blocks), [name for name in sizes if not get_effect(name).random_repeats]
+        if len(usable) == 2:
+            left = [together(block, *usable) for block in left]
+        simulated = left
         for name in usable:
             left = [without(block, name, sizes[name]) for block in left]
-        own = [[responses_at_place(block.stated.responses, name, sizes[name]) for name in usable] for block in blocks]
+        own = [
+            [responses_at_place(block.stated.responses, name, sizes[name]) for name in usable] for block in simulated
+        ]
         return mixture.gain([block.stated.measured for block in left], [np.concatenate(rows) for rows in own])
 
     alone, numbers = mixture.gain([block.stated.measured for block in blocks]), shared(pixels)
@@ -327,13 +335,15 @@ def _pairs(
             if second in group_of(first) or frozenset({first, second}) in seen:
                 continue
             seen.add(frozenset({first, second}))
-            table = _given(second, first, size, blocks, pixels, model, nothing)
+            own = [together(block, first, second) for block in blocks]
+            seen_with = pixels_together(pixels, first, second)
+            table = _given(second, first, size, own, seen_with, model, nothing)
             best = [float(values.max()) for values in table.blocks]
             sizes = {first: size, second: table.weigh(blocks, best, model).size}
             if not get_effect(second).random_repeats:
-                back = _given(first, second, sizes[second], blocks, pixels, model, nothing)
+                back = _given(first, second, sizes[second], own, seen_with, model, nothing)
                 sizes[first] = back.weigh(blocks, [float(v.max()) for v in back.blocks], model).size
-                table = _given(second, first, sizes[first], blocks, pixels, model, nothing)
+                table = _given(second, first, sizes[first], own, seen_with, model, nothing)
                 sizes[second] = table.weigh(blocks, [float(v.max()) for v in table.blocks], model).size
             found.append((first, sizes, replace(table, prior=table.prior + occam)))
     return found

@@ -31,6 +31,7 @@ from diagnosis.shrinkage import Held, Judge, is_refuted, measure_shrinkage
 from diagnosis.shrinkage_report import complete
 from diagnosis.simulator import Cost, Simulator
 from diagnosis.subtract import pixels_without, without
+from diagnosis.together import look_together
 from diagnosis.version import MODEL_VERSION
 from diagnosis.workers import ALONE, Workers
 from simcore.errors import InputError
@@ -186,6 +187,7 @@ class _Conclusion:
         if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
             looks = look_again(looks, partial(self.weigh, noise=noise), scene, self.workers)
+            looks = look_together(looks, partial(self.name, noise=noise), scene, self.workers)
             results = [look.result for look in looks.values()]
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
         cause = name_cause(self.effects, blocks, pixels, self.model)
@@ -218,6 +220,10 @@ class _Conclusion:
         )
         held = () if measured is None else measured.held
         return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, held, looks)
+
+    def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
+        """All explanations weighed, two effects together included."""
+        return name_cause(self.effects, make_blocks(results, noise), _pixels(results, noise), self.model)
 
     def weigh(self, results: Sequence[FabricResult], beside: Sized | None, noise: NoiseModel) -> Cause:
         """Single effects alone, to choose what is simulated: their responses are not yet trusted in any scene."""

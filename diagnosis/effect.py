@@ -74,6 +74,7 @@ class Effect:
             first one is the default.
         holds: the cloth rests wherever it was put and any capture fits; not looked at again, and no half of a pair.
         white: it changes pixels one by one and not their mean over a cell.
+        vague: pixel statistics that it changes by more or less, as chance has it.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
     """
 
@@ -89,6 +90,7 @@ class Effect:
     random_repeats: bool = False
     holds: bool = False
     white: bool = False
+    vague: tuple[str, ...] = ()
     vanishes_at_zero: bool = True
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
 

@@ -15,11 +15,11 @@ from diagnosis.block import Block, PixelBlock, View, whiten
 from diagnosis.effect import SCALAR, Effect
 from diagnosis.intervals import all_inside, size_interval
 from diagnosis.likelihood import (
+    Lengths,
     LikelihoodModel,
     combine,
     over_views,
     pixel_log_likelihood,
-    pixel_unknown,
     view_log_likelihood,
 )
 from diagnosis.sizes import (
@@ -35,16 +35,6 @@ from diagnosis.sizes import (
 from diagnosis.smooth_modes import smooth_modes
 
 Array = NDArray[np.float64]
-UNKNOWN_FACTORS = np.geomspace(1.5, 30.0, 13)
-"""By how much all errors are larger than modelled when something unknown is there."""
-UNKNOWN_SHAPES_M = np.geomspace(0.004, 0.016, 3)
-"""Root mean square of a smooth change that nothing describes [m]; simulators differ by 1 mm for no reason at all."""
-MOST_OF_A_BLOCK = 4.0
-"""Log likelihood that such a change may gain in one block: one fabric in other folds is not yet something unknown."""
-NUMBERS_SHARE = 0.1
-"""Of ``unknown``: some of the shared numbers are off; the catalogue has an effect for each of them alone."""
-LARGER_SHARE = 0.5
-"""Of ``unknown``: errors larger than modelled all over; the rest are smooth changes."""
 FURTHER_DRAWS = 0.7
 """Root mean square of what further random draws give that the simulated ones do not span, of the latter's."""
 SCATTER_LEFT = 0.5
@@ -189,46 +179,9 @@ def tabulate_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: Likelih
     return Table("none", values, calm, np.zeros(1), ({},))
 
 
-def tabulate_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
-    """Of something that no effect describes: in the shape (all blocks off by one factor), in the pixels or in both."""
-    nothing = tabulate_nothing(blocks, pixels, model)
-    wild = pixel_unknown(pixels, model)
-    calm = float(nothing.pixels[0])
-    values = []
-    for block, still in zip(blocks, nothing.blocks, strict=True):
-        shapes = np.minimum(unknown_shape(block, model), still + MOST_OF_A_BLOCK)
-        forms = np.concatenate([_larger_errors(block, model), shapes])
-        values.append(np.concatenate([forms, forms, still]))
-    kinds = (len(UNKNOWN_FACTORS), len(UNKNOWN_SHAPES_M))
-    seen = np.concatenate([np.full(sum(kinds), calm), np.full(sum(kinds) + 1, wild)])
-    form = np.repeat([LARGER_SHARE, 1.0 - LARGER_SHARE], kinds) / np.repeat(kinds, kinds)
-    share = 0.5 * NUMBERS_SHARE
-    prior = np.log(np.concatenate([form * (1.0 - NUMBERS_SHARE), form * share, [share]]))
-    return Table("unknown", tuple(values), seen, prior, ({},) * len(prior))
-
-
-def _larger_errors(block: Block, model: LikelihoodModel) -> Array:
-    """Of a block whose errors are larger than modelled by each of :data:`UNKNOWN_FACTORS`, whatever their direction."""
-    view = block.stated
-    dimension = len(view.measured) * model.dimension_share
-    square = float(view.measured @ view.measured) * model.dimension_share
-    density = model.log_density(square / UNKNOWN_FACTORS**2, dimension, block.scene)
-    return np.asarray(density - dimension * np.log(UNKNOWN_FACTORS) - model.dimension_share * view.log_det)
-
-
-def unknown_shape(block: Block, model: LikelihoodModel) -> Array:
-    """Of a block with a smooth change of the cloth that is the same in all repeats, whatever its form.
-
-    One value for each root mean square of :data:`UNKNOWN_SHAPES_M`; the repeats agree as well as modelled, which
-    larger errors all over do not grant.
-    """
-    view = block.stated
-    return _widened(view, whiten(view, smooth_modes()[block.cell]).T, UNKNOWN_SHAPES_M, block.scene, model)
-
-
 def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:
     still = np.zeros((1, len(view.measured)))
-    return view_log_likelihood(view.measured[None], still, view.log_det, scene, model)
+    return view_log_likelihood(view, view.measured[None], still, scene, model)
 
 
 def _tabulate_scalar(
@@ -246,14 +199,14 @@ def _tabulate_scalar(
             rows = []
             for view in block.views:
                 response = np.concatenate([form @ view.responses[effect.name][own] for own in slices])
-                rows.append(view_log_likelihood(view.measured - response, response, view.log_det, block.scene, model))
+                rows.append(view_log_likelihood(view, view.measured - response, response, block.scene, model))
             found.append(over_views(np.stack(rows), model))
         values.append(np.asarray(logsumexp(found, axis=0) - np.log(len(found))))
     seen = np.concatenate([weights[0] @ pixels.responses[effect.name][own] for own in slices])
     return Table(
         effect.name,
         tuple(values),
-        pixel_log_likelihood(pixels, seen, model),
+        pixel_log_likelihood(pixels, seen, model, pixels.vagueness(effect.name)),
         np.tile(log_prior(effect, sizes), places) - np.log(places),
         tuple({SCALAR: float(size)} | dict(place) for place in effect.places for size in sizes),
     )
@@ -280,7 +233,7 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
             draws = view.scatter[effect.name] / np.sqrt(len(effect.places))
             length = float(np.sqrt(np.sum((draws @ view.factor.T) ** 2) / len(block.owner)))
             further = FURTHER_DRAWS * length * whiten(view, forms).T
-            rows.append(_widened(view, np.concatenate([draws, further]), step, block.scene, model))
+            rows.append(widened(view, np.concatenate([draws, further]), step, block.scene, model))
         values.append(over_views(np.stack(rows), model))
     calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
     contradicted = sum(_scatter_contradicted(block) for block in blocks if block.scene == "stretch")
@@ -294,16 +247,25 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
     )
 
 
-def _widened(view: View, directions: Array, factors: Array, scene: str, model: LikelihoodModel) -> Array:
-    """Log likelihood of a block whose covariance grows by each factor's square along some directions, [factors]."""
-    _, spread, basis = np.linalg.svd(directions, full_matrices=False)
-    along = basis @ view.measured
+def widened(view: View, directions: Array, factors: Array, scene: str, model: LikelihoodModel) -> Array:
+    """Log likelihood of a block whose covariance grows by each factor's square along some directions, [factors].
+
+    Along what was taken away from it, that response's own uncertainty is all there is.
+    """
+    measured, count = view.measured, len(view.measured)
+    taken = np.reshape(view.taken, (1, -1, count))
+    known = Lengths.of(measured[None], taken, model)
+    along = np.linalg.qr(taken[0].T)[0]
+    scale = float(np.sqrt(known.grown[0]))
+    beside = (measured - along @ (along.T @ measured)) / scale
+    _, spread, basis = np.linalg.svd((directions - (directions @ along) @ along.T) / scale, full_matrices=False)
+    seen = basis @ beside
     variance = 1.0 + np.outer(factors**2, spread**2)
-    rest = float(view.measured @ view.measured) - float(along @ along)
-    square = (rest + (along**2 / variance).sum(axis=1)) * model.dimension_share
-    spent = 0.5 * np.log(variance).sum(axis=1) + view.log_det
-    density = model.log_density(square, len(view.measured) * model.dimension_share, scene)
-    return np.asarray(density - model.dimension_share * spent)
+    rest = float(beside @ beside) - float(seen @ seen)
+    square = (rest + (seen**2 / variance).sum(axis=1)) * model.dimension_share + known.square[0]
+    spent = 0.5 * np.log(variance).sum(axis=1) + view.log_det + 0.5 * count * np.log(known.grown[0])
+    density = model.log_density(square, count * model.dimension_share, scene)
+    return np.asarray(density - model.dimension_share * spent - known.spent[0])
 
 
 def _forms_of_each_capture(block: Block) -> Array:
@@ -346,7 +308,7 @@ def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
             rows = []
             for view in block.views:
                 response = (weights @ view.responses[effect.name])[None]
-                rows.append(view_log_likelihood(view.measured - response, response, view.log_det, block.scene, model))
+                rows.append(view_log_likelihood(view, view.measured - response, response, block.scene, model))
             values.append(over_views(np.stack(rows), model))
         seen = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
         occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
-from diagnosis.block import Block, PixelBlock
+from diagnosis.block import Block, PixelBlock, View
 
 Array = NDArray[np.float64]
 FACTORS = np.geomspace(2.0, 300.0, 33)
@@ -93,34 +93,63 @@ def log_student(square: Array | float, dimension: float, degrees: float) -> Arra
     )
 
 
-def view_log_likelihood(residual: Array, response: Array, log_det: float, scene: str, model: LikelihoodModel) -> Array:
+def view_log_likelihood(view: View, residual: Array, response: Array, scene: str, model: LikelihoodModel) -> Array:
     """Of one block under one covariance for many sizes at once.
 
-    The response t is uncertain in its length and in its form: covariance I + share² t tᵀ (by Sherman and Morrison),
-    and all errors grow with the response's mean square.
+    The response t is uncertain in its length and in its form: covariance I + share² t tᵀ (by Woodbury), and all errors
+    grow with the response's mean square. What was taken away from the block before is uncertain in the same way.
 
     Args:
+        view: of the block.
         residual: measured minus response, whitened, [sizes, n].
         response: whitened, [sizes, n].
-        log_det: half the log determinant of the covariance.
         scene: of the block.
         model: see there.
 
     Returns:
         [sizes].
     """
-    count = residual.shape[1]
-    dimension = count * model.dimension_share
-    norm = np.einsum("gn,gn->g", response, response)
-    grown = 1.0 + model.form_share**2 * norm / count
-    square = np.einsum("gn,gn->g", residual, residual) / grown
-    cross = np.einsum("gn,gn->g", residual, response) / grown
-    weight = model.template_share**2
-    along = cross**2 / np.maximum(norm / grown, 1e-12)
-    length = along / (1 + weight * norm / grown)
-    square = (square - along) * model.dimension_share + length
-    spread = 0.5 * np.log1p(weight * norm / grown) + 0.5 * dimension * np.log(grown) + model.dimension_share * log_det
-    return np.asarray(model.log_density(square, dimension, scene) - spread)
+    taken = [np.broadcast_to(row, response.shape) for row in view.taken]
+    lengths = Lengths.of(residual, np.stack([response, *taken], axis=1), model)
+    dimension = residual.shape[1] * model.dimension_share
+    square = (np.einsum("gn,gn->g", residual, residual) / lengths.grown - lengths.along) * model.dimension_share
+    spread = lengths.spent + 0.5 * dimension * np.log(lengths.grown) + model.dimension_share * view.log_det
+    return np.asarray(model.log_density(square + lengths.square, dimension, scene) - spread)
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """What the uncertain lengths of responses do to a likelihood; ``g`` sizes.
+
+    Attributes:
+        grown: by how much all errors' variance grows, since the responses' form is uncertain, [g].
+        along: squared length of the residual in the span of the responses, in units of grown errors, [g].
+        square: the same with the responses' lengths uncertain, [g].
+        spent: half the log determinant of that, [g].
+    """
+
+    grown: Array
+    along: Array
+    square: Array
+    spent: Array
+
+    @classmethod
+    def of(cls, residual: Array, responses: Array, model: LikelihoodModel) -> Lengths:
+        """Of residuals [g, n] beside responses [g, k, n], both whitened."""
+        gram = np.einsum("gkn,gln->gkl", responses, responses)
+        grown = 1.0 + model.form_share**2 * np.trace(gram, axis1=1, axis2=2) / residual.shape[1]
+        gram = gram / grown[:, None, None]
+        cross = np.einsum("gkn,gn->gk", responses, residual) / grown[:, None]
+        unit = np.eye(responses.shape[1])
+        least = 1e-10 * np.trace(gram, axis1=1, axis2=2) + 1e-12
+        along = np.einsum("gk,gk->g", cross, _solved(gram + least[:, None, None] * unit, cross))
+        told = np.einsum("gk,gk->g", cross, _solved(gram + unit / model.template_share**2, cross))
+        spent = 0.5 * np.linalg.slogdet(unit + model.template_share**2 * gram)[1]
+        return cls(grown, along, along - told, np.asarray(spent))
+
+
+def _solved(matrices: Array, columns: Array) -> Array:
+    return np.asarray(np.linalg.solve(matrices, columns[..., None])[..., 0])
 
 
 def over_views(value: Array, model: LikelihoodModel) -> Array:
@@ -153,9 +182,18 @@ def combine(
     return np.asarray(sum(fabrics.values())), fabrics
 
 
-def pixel_log_likelihood(pixels: PixelBlock, response: Array, model: LikelihoodModel) -> Array:
-    """Of the pixel statistics for many sizes, [sizes]; responses are uncertain by a share; each an independent t."""
-    spread = np.sqrt(1.0 + (model.template_share * response) ** 2)
+def pixel_log_likelihood(
+    pixels: PixelBlock, response: Array, model: LikelihoodModel, vague: Array | float = 0.0
+) -> Array:
+    """Of the pixel statistics for many sizes, [sizes]; each an independent t.
+
+    Args:
+        pixels: measured.
+        response: to what is tried, [sizes, m]; uncertain by a share, as is what was taken away before.
+        model: see there.
+        vague: standard deviation of the response beyond that, [m].
+    """
+    spread = _pixel_spread(pixels, response, model, vague)
     residual = (pixels.measured - response) / spread
     values = log_student(residual**2, 1.0, model.pixel_degrees) - np.log(spread)
     return np.asarray(values.sum(axis=1))
@@ -165,8 +203,14 @@ def pixel_unknown(pixels: PixelBlock, model: LikelihoodModel) -> float:
     """Of pixel statistics some of which are off by any factor, each for itself."""
     if not len(pixels.measured):
         return 0.0
-    square = pixels.measured[:, None] ** 2
+    spread = _pixel_spread(pixels, np.zeros(len(pixels.measured)), model)
+    square = (pixels.measured / spread)[:, None] ** 2
     wild = log_student(square / FACTORS**2, 1.0, model.pixel_degrees) - np.log(FACTORS)
     off = logsumexp(wild, axis=1) - np.log(len(FACTORS)) + np.log(WILD_SHARE)
     calm = log_student(square[:, 0], 1.0, model.pixel_degrees) + np.log1p(-WILD_SHARE)
-    return float(np.logaddexp(off, calm).sum())
+    return float((np.logaddexp(off, calm) - np.log(spread)).sum())
+
+
+def _pixel_spread(pixels: PixelBlock, response: Array, model: LikelihoodModel, vague: Array | float = 0.0) -> Array:
+    share = response**2 + sum(row**2 for row in pixels.taken)
+    return np.asarray(np.sqrt(1.0 + model.template_share**2 * share + vague**2 + pixels.vague))

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from diagnosis.cause import NOT_EFFECTS, Cause
+from diagnosis.cause import Cause
 from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import FabricResult
@@ -45,13 +45,14 @@ def look_again(
         results = [look.result for look in now.values()]
         cause = weigh(results, None)
         near = candidates(cause)[: None if not seen else LATER_CANDIDATES]
-        if cause.top not in NOT_EFFECTS:  # a weaker one beside it is far behind it, and yet may be there
-            beside = candidates(weigh(results, (cause.top, cause.size(cause.top))))
+        first = leader(cause)
+        if first is not None:  # a weaker one beside it is far behind it, and yet may be there
+            beside = candidates(weigh(results, (first, cause.evidence[first].size)))
             near += [(n, s) for n, s in beside if n not in {name for name, _ in near}][:LATER_CANDIDATES]
         wanted = [
             (name, size)
             for name, size in near
-            if not any(_alike(size, other, get_effect(name)) for other in seen.get(name, []))
+            if not any(alike(size, other, get_effect(name)) for other in seen.get(name, []))
         ]
         if not wanted:
             break
@@ -69,12 +70,19 @@ def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str) -> Fresh
         return replace(look, result=freshen(look, wanted, scene))
 
 
+def leader(cause: Cause) -> str | None:
+    """The likeliest effect, even where something unknown is likelier: simulated at its size it may fit better."""
+    name = max(cause.evidence, key=lambda n: cause.probabilities[n] if n != "unknown" else -1.0)
+    return None if name == "none" else name
+
+
 def candidates(cause: Cause) -> list[Sized]:
     """Effects on cloth or camera that may be the answer, at their best usual sizes; few of those that must be solved.
 
     A response of other folds is fitted best where it vanishes: at a size below the effect's range nothing is learnt.
+    What speaks for something unknown speaks against none of them yet: as far as they are known, responses are coarse.
     """
-    best = max(e.log_evidence for e in cause.evidence.values())
+    best = max(e.log_evidence for name, e in cause.evidence.items() if name != "unknown")
     near = sorted(
         (e for e in cause.evidence.values() if e.usual and e.usual_evidence > best - NEAR_NATS),
         key=lambda e: -e.usual_evidence,
@@ -84,7 +92,8 @@ def candidates(cause: Cause) -> list[Sized]:
     return solved[:CANDIDATES] + rendered
 
 
-def _alike(a: Mapping[str, float], b: Mapping[str, float], effect: Effect) -> bool:
+def alike(a: Mapping[str, float], b: Mapping[str, float], effect: Effect) -> bool:
+    """Whether two sizes of an effect, at one place, are so near each other that one simulation serves."""
     if any(a[key] != b[key] for key in effect.places[0]):
         return False
     own = list(effect.components)

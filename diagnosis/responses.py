@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -48,6 +48,7 @@ class Responses:
         mesh: from the fine mesh to one of twice the cell, [D]; zero where both are the same.
         effects: effect name to the change of (vector [nodes, D], pixel statistics [nodes, P]) at each of its nodes.
         sensed: pixel statistics that the stated sensor gives on the state, [P].
+        beside: (effect, other) to the same of the effect where the other one, at some size, is there, too.
     """
 
     parameters: Array
@@ -56,6 +57,7 @@ class Responses:
     mesh: Array
     effects: Mapping[str, tuple[Array, Array]]
     sensed: Array
+    beside: Mapping[tuple[str, str], tuple[Array, Array]] = field(default_factory=dict)
 
 
 def find_responses(
@@ -163,7 +165,7 @@ class _Look:
 
     @cached_property
     def sensed(self) -> Features:
-        return _sensed(self.picture, self.scene, self.reference)
+        return sensed(self.picture, self.scene, self.reference)
 
     def vector(self, drape: KeyedDrape, seen: SimulationScene) -> Array:
         return measure(picture_of(drape.drape, smaller(seen)), self.coarse, with_pixels=False).vector()
@@ -205,7 +207,7 @@ class _Look:
         for number, size in enumerate(sizes):
             changed = effect.apply(self.scene, size)
             if effect.stage is Stage.SENSOR:
-                features = _sensed(self.picture, changed, self.reference)
+                features = sensed(self.picture, changed, self.reference)
                 moved = clean(features.vector() - self.sensed.vector())
                 rows[number] = (
                     np.zeros_like(moved) if effect.white else moved,
@@ -239,7 +241,7 @@ def _stepped(parameters: FabricParameters, index: int) -> FabricParameters:
     return FabricParameters.from_array(values)
 
 
-def _sensed(picture: NDArray[np.float32], scene: SimulationScene, reference: Reference) -> Features:
+def sensed(picture: NDArray[np.float32], scene: SimulationScene, reference: Reference) -> Features:
     """Features of a simulated picture with the sensor's noise, always the same noise."""
     noisy = scene.sensor.apply(picture, np.random.default_rng(0), camera=scene.camera)
     return measure(noisy, reference)

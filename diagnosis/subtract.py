@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.block import Block, PixelBlock
+from diagnosis.block import Block, PixelBlock, View
 from diagnosis.effects import get_effect
 from diagnosis.sizes import node_values, node_weights
 
 Array = NDArray[np.float64]
+Known = TypeVar("Known", View, PixelBlock)
 
 
 def response_to(responses: Mapping[str, Array], name: str, size: Mapping[str, float]) -> Array:
@@ -44,18 +46,41 @@ def responses_at_place(responses: Mapping[str, Array], name: str, size: Mapping[
 
 
 def without(block: Block, name: str, size: Mapping[str, float]) -> Block:
-    """A block as if the effect had been simulated too."""
-    stated, wide = (
-        replace(view, measured=view.measured - response_to(view.responses, name, size))
-        if not get_effect(name).random_repeats
-        else view
-        for view in block.views
-    )
+    """A block as if the effect had been simulated too; its response stays as uncertain as that of an effect alone."""
+    if get_effect(name).random_repeats:
+        return block
+    stated, wide = (_without(view, response_to(view.responses, name, size)) for view in block.views)
     return replace(block, stated=stated, wide=wide)
+
+
+def _without(view: View, response: Array) -> View:
+    return replace(view, measured=view.measured - response, taken=(*view.taken, response))
+
+
+def together(block: Block, name: str, other: str) -> Block:
+    """A block whose responses to one of two effects are those beside the other, where these were simulated."""
+    stated, wide = (_together(view, name, other) for view in block.views)
+    return replace(block, stated=stated, wide=wide)
+
+
+def pixels_together(pixels: PixelBlock, name: str, other: str) -> PixelBlock:
+    """The same of pixel statistics."""
+    return _together(pixels, name, other)
+
+
+def _together(known: Known, name: str, other: str) -> Known:
+    key = next((key for key in ((name, other), (other, name)) if key in known.beside), None)
+    return known if key is None else replace(known, responses=known.responses | {key[0]: known.beside[key]})
 
 
 def pixels_without(pixels: PixelBlock, name: str, size: Mapping[str, float]) -> PixelBlock:
     """The same of pixel statistics."""
     if get_effect(name).random_repeats:
         return pixels
-    return replace(pixels, measured=pixels.measured - response_to(pixels.responses, name, size))
+    response = response_to(pixels.responses, name, size)
+    return replace(
+        pixels,
+        measured=pixels.measured - response,
+        taken=(*pixels.taken, response),
+        vague=pixels.vague + pixels.vagueness(name) ** 2,
+    )

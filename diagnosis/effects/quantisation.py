@@ -21,4 +21,5 @@ EFFECT = Effect(
     source="Disparity steps of stereo cameras.",
     change=change,
     white=True,
+    vague=("log_noise",),  # as the panel lies on a step or between two of them
 )

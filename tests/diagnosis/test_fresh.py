@@ -7,12 +7,12 @@ import pytest
 
 from diagnosis.block import Block, View
 from diagnosis.effects import get_effect
-from diagnosis.evidence import unknown_shape
 from diagnosis.fresh import bend
 from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
 from diagnosis.reference import CELLS
 from diagnosis.sizes import node_weights, nodes
 from diagnosis.smooth_modes import smooth_modes
+from diagnosis.unknown import unknown_shape
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_a_smooth_change_that_repeats_share_is_better_explained_by_an_unknown_sh
     def gain(measured: np.ndarray) -> float:
         view = block_of(measured).stated
         still = np.zeros((1, len(measured)))
-        nothing = view_log_likelihood(view.measured[None], still, view.log_det, "stretch", model)[0]
+        nothing = view_log_likelihood(view, view.measured[None], still, "stretch", model)[0]
         return float(unknown_shape(block_of(measured), model).max() - nothing)
 
     assert gain(np.tile(shape, 2) + noise) > 10.0

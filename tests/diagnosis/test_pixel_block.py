@@ -8,19 +8,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.block import make_pixel_block
+from diagnosis.block import PixelBlock, make_pixel_block
+from diagnosis.effects import get_effect
 from diagnosis.features import PLANE_NAMES
+from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown
 from diagnosis.noise import NoiseModel
 from diagnosis.pixel_statistics import PIXEL_NAMES
+from diagnosis.sizes import nodes
+from diagnosis.subtract import pixels_without
 
 PIXELS, PLANE = len(PIXEL_NAMES), len(PLANE_NAMES)
 
 
-def capture(scene: str, pixels: float, plane_m: float = 0.0, *, sensor_known: bool = True) -> Any:
+def capture(
+    scene: str, pixels: float, plane_m: float = 0.0, *, sensor_known: bool = True, beside: dict[Any, Any] | None = None
+) -> Any:
     """One whose statistics all differ by ``pixels`` from the stated sensor's, and the panel's place by ``plane_m``."""
     measured = SimpleNamespace(pixels=np.full(PIXELS, pixels), plane=np.full(PLANE, plane_m))
     responses = SimpleNamespace(
-        sensed=np.zeros(PIXELS), effects={"dropout": (np.zeros((1, 4 + PLANE)), np.full((1, PIXELS), pixels))}
+        sensed=np.zeros(PIXELS),
+        effects={"dropout": (np.zeros((1, 4 + PLANE)), np.full((1, PIXELS), pixels))},
+        beside=beside or {},
     )
     return SimpleNamespace(
         scene=scene, measured=measured, responses=responses, sensor_known=sensor_known, pose_known=True
@@ -43,3 +51,39 @@ def test_pixels_across_folds_that_fell_elsewhere_say_nothing_where_stretch_was_c
 def test_without_a_stated_sensor_there_are_no_pixel_statistics(scenes: tuple[str, ...]) -> None:
     block = make_pixel_block([capture(scene, 0.5, sensor_known=False) for scene in scenes], NoiseModel())
     assert block.measured.shape == (PLANE,) and not block.sensor_known
+
+
+def test_what_the_sensor_does_with_two_effects_counts_where_all_of_stretch_was_rendered_with_both() -> None:
+    both = ("dropout", "range_noise")
+    rows = {both: (np.zeros((1, 4 + PLANE)), np.full((1, PIXELS), 0.7))}
+    folds, seen = capture("hanging", 0.1), [capture("stretch", 0.1, beside=rows) for _ in range(2)]
+    block = make_pixel_block([folds, *seen], NoiseModel())
+    np.testing.assert_allclose(block.beside[both][0, :PIXELS], 7.0 * block.responses["dropout"][0, :PIXELS])
+    assert make_pixel_block([folds, seen[0], capture("stretch", 0.1)], NoiseModel()).beside == {}
+
+
+def test_the_noise_that_coarse_steps_give_depends_on_where_the_panel_lies() -> None:
+    model = LikelihoodModel()
+    measured = np.array([30.0, 20.0])
+    rows = {"quantisation": np.array([[0.0, 19.0], [25.0, 20.0]]), "range_noise": np.array([[30.0, 0.0], [35.0, 0.0]])}
+    block = PixelBlock(measured, rows, sensor_known=True, names=("log_noise", "log_step"))
+    np.testing.assert_array_equal(block.vagueness("quantisation"), [25.0, 0.0])
+    np.testing.assert_array_equal(block.vagueness("range_noise"), [0.0, 0.0])
+    coarse = rows["quantisation"][:1]
+    vague = pixel_log_likelihood(block, coarse, model, block.vagueness("quantisation"))
+    noisy = pixel_log_likelihood(block, rows["range_noise"][:1], model, block.vagueness("range_noise"))
+    assert vague[0] > noisy[0] > pixel_log_likelihood(block, coarse, model)[0]
+
+
+def test_numbers_that_an_effect_was_taken_away_from_stay_as_uncertain_as_its_response() -> None:
+    size = {"magnitude": 0.04}
+    count = len(nodes(get_effect("dropout")))
+    rows = {"dropout": np.tile([50.0, 0.0], (count, 1))}
+    left = pixels_without(PixelBlock(np.array([54.0, 0.0]), rows, sensor_known=True), "dropout", size)
+    np.testing.assert_allclose(left.measured, [4.0, 0.0])
+    exact = PixelBlock(left.measured, rows, sensor_known=True)
+    calm = np.zeros((1, 2))
+    model = LikelihoodModel()
+    assert pixel_log_likelihood(left, calm, model)[0] > pixel_log_likelihood(exact, calm, model)[0] + 2.0
+    gained = [pixel_unknown(b, model) - pixel_log_likelihood(b, calm, model)[0] for b in (left, exact)]
+    assert gained[0] < gained[1]

@@ -1,0 +1,147 @@
+"""Two effects simulated together: what one changes where another one is there, too, is not what it changes alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.cause import NOT_EFFECTS, Cause, Pair
+from diagnosis.effect import Stage
+from diagnosis.effects import get_effect
+from diagnosis.fabric_task import CaptureResult, FabricResult
+from diagnosis.fresh import FreshLook, Sized, bend, is_mechanical, with_effects
+from diagnosis.refinement import NEAR_NATS, alike
+from diagnosis.responses import clean, sensed
+from diagnosis.sizes import nodes
+from diagnosis.subtract import response_to
+from diagnosis.workers import ALONE, Workers
+
+Array = NDArray[np.float64]
+ROUNDS = 2
+CANDIDATES = 2
+"""So many pairs are solved in a round, and so many rendered."""
+RENDERED_NATS = 12.0
+"""A pair on one sensor whose log evidence is further behind is not rendered."""
+Weigh = Callable[[Sequence[FabricResult]], Cause]
+"""Probabilities from results, two effects together included."""
+
+
+def look_together(
+    looks: Mapping[str, FreshLook], weigh: Weigh, scene: str, workers: Workers = ALONE
+) -> dict[str, FreshLook]:
+    """The likeliest pairs simulated with both effects on, at the sizes that fit best.
+
+    Args:
+        looks: by fabric.
+        weigh: see :data:`Weigh`.
+        scene: whose captures are looked at again.
+        workers: that simulate fabrics side by side.
+
+    Returns:
+        The same fabrics, with the response of the second effect beside the first where it was simulated.
+    """
+    seen: dict[tuple[str, str], list[Pair]] = {}
+    now = dict(looks)
+    for _ in range(ROUNDS):
+        likely = candidates(weigh([look.result for look in now.values()]))
+        wanted = [
+            pair for pair in likely if not any(_same(pair, old) for old in seen.get((pair.first, pair.second), []))
+        ]
+        if not wanted:
+            break
+        for pair in wanted:
+            seen.setdefault((pair.first, pair.second), []).append(pair)
+        again = workers.map(partial(_looked_at, pairs=wanted, scene=scene), list(now.values()))
+        now = dict(zip(now, again, strict=True))
+    return now
+
+
+def candidates(cause: Cause) -> list[Pair]:
+    """Pairs that may be the answer and are more than the sum of their parts; few of those that must be solved.
+
+    They are near the best effect and better than none. What is only rendered may be further behind: statistics of
+    pixels are far from additive.
+    """
+    best = max(e.log_evidence for name, e in cause.evidence.items() if name not in NOT_EFFECTS)
+    none = cause.evidence["none"].log_evidence
+    tried = sorted(cause.tried, key=lambda pair: -pair.evidence.log_evidence)
+
+    def near(nats: float) -> list[Pair]:
+        return [pair for pair in tried if pair.evidence.log_evidence > max(best - nats, none)]
+
+    solved = [pair for pair in near(NEAR_NATS) if _move_the_picture(pair)]
+    return solved[:CANDIDATES] + [pair for pair in near(RENDERED_NATS) if _on_one_sensor(pair)][:CANDIDATES]
+
+
+def _move_the_picture(pair: Pair) -> bool:
+    """One moves the cloth, the other one moves it, too, or the camera."""
+    both = [get_effect(name) for name in (pair.first, pair.second)]
+    if any(effect.random_repeats or effect.stage is Stage.SENSOR for effect in both):
+        return False
+    return any(is_mechanical(effect) for effect in both)
+
+
+def _on_one_sensor(pair: Pair) -> bool:
+    return all(get_effect(name).stage is Stage.SENSOR for name in (pair.first, pair.second))
+
+
+def _same(pair: Pair, other: Pair) -> bool:
+    return all(alike(pair.sizes[name], other.sizes[name], get_effect(name)) for name in (pair.first, pair.second))
+
+
+def _looked_at(look: FreshLook, pairs: Sequence[Pair], scene: str) -> FreshLook:
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
+
+    with threadpool_limits(1):
+        captures = [with_both(look, c, pairs) if c.scene == scene else c for c in look.result.captures]
+        return replace(look, result=replace(look.result, captures=tuple(captures)))
+
+
+def with_both(look: FreshLook, capture: CaptureResult, pairs: Sequence[Pair]) -> CaptureResult:
+    """With the second effects' responses such that both together give what was simulated; the last sizes count."""
+    beside = dict(capture.responses.beside)
+    for pair in pairs:
+        found = _sensed_with_both(look, capture, pair) if _on_one_sensor(pair) else _simulated(look, capture, pair)
+        if found is not None:
+            beside[pair.second, pair.first] = found
+    return replace(capture, responses=replace(capture.responses, beside=beside))
+
+
+def _simulated(look: FreshLook, capture: CaptureResult, pair: Pair) -> tuple[Array, Array] | None:
+    """The second effect's responses (vectors, pixels), bent through the outcome of both; None where it has none."""
+    both = _both(pair)
+    if not look.drape(capture, both).drape.ok:
+        return None
+    effects = capture.responses.effects
+    own, pixels = effects[pair.second]
+    change = look.change(capture, both) - response_to({pair.first: effects[pair.first][0]}, *both[0])
+    return bend(get_effect(pair.second), own, [(pair.sizes[pair.second], change)]), pixels
+
+
+def _sensed_with_both(look: FreshLook, capture: CaptureResult, pair: Pair) -> tuple[Array, Array]:
+    """The same of two effects on one sensor, at all sizes of the second: nothing must be solved."""
+    scene, second, effects = look.scene_of(capture), get_effect(pair.second), capture.responses.effects
+    first = {pair.first: pair.sizes[pair.first]}
+
+    def seen(*sizes: Sized) -> tuple[Array, Array]:
+        features = sensed(capture.reference.depth, with_effects(scene, sizes), capture.reference)
+        return features.vector(), features.pixels
+
+    still = seen()
+    taken = [response_to({pair.first: rows}, pair.first, first[pair.first]) for rows in effects[pair.first]]
+    rows = []
+    for size in nodes(second):
+        both = seen(*first.items(), (pair.second, size))
+        rows.append(
+            [clean(with_both - without - own) for with_both, without, own in zip(both, still, taken, strict=True)]
+        )
+    vectors, pixels = (np.stack(values) for values in zip(*rows, strict=True))
+    return np.zeros_like(vectors) if second.white else vectors, pixels
+
+
+def _both(pair: Pair) -> list[Sized]:
+    return [(name, pair.sizes[name]) for name in (pair.first, pair.second)]

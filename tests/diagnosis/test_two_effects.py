@@ -1,0 +1,215 @@
+"""Two effects at once: each as uncertain as alone, and simulated together where they may be the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from diagnosis import refinement, together
+from diagnosis.block import Block, PixelBlock, View
+from diagnosis.cause import Cause, Pair, name_cause
+from diagnosis.effect import SCALAR
+from diagnosis.effects import get_effect
+from diagnosis.evidence import Evidence, tabulate
+from diagnosis.fabric_task import CaptureResult
+from diagnosis.fresh import FreshLook
+from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
+from diagnosis.responses import Responses
+from diagnosis.sizes import node_weights, nodes
+from diagnosis.subtract import without
+
+COUNT, FABRICS = 60, 4
+DRAFT, CREASE = {SCALAR: 0.4}, {SCALAR: 1.0, "down": 1.0, "position": 0.5}
+SIZES: dict[str, Mapping[str, float]] = {"air_draft": DRAFT, "crease": CREASE}
+MODEL = LikelihoodModel()
+
+
+def view(measured: np.ndarray, **known: Any) -> View:
+    return View(measured, {}, {}, np.eye(len(measured)), 0.0, **known)
+
+
+def test_what_was_taken_away_is_as_uncertain_as_what_is_tried() -> None:
+    rng = np.random.default_rng(4)
+    one, two, left = (
+        25.0 * rng.standard_normal(COUNT),
+        3.0 * rng.standard_normal(COUNT),
+        rng.standard_normal((1, COUNT)),
+    )
+
+    def value(taken: tuple[np.ndarray, ...], tried: np.ndarray) -> float:
+        return float(view_log_likelihood(view(left[0], taken=taken), left, tried[None], "stretch", MODEL)[0])
+
+    assert value((one,), two) == pytest.approx(value((two,), one), abs=1e-6)
+    assert value((one,), np.zeros(COUNT)) == pytest.approx(value((), one), abs=1e-6)
+    assert value((one, two), np.zeros(COUNT)) == pytest.approx(value((one,), two), abs=1e-6)
+    longer = left + 0.1 * one  # as much as a response's length errs
+    lost = [
+        float(
+            np.subtract(*(view_log_likelihood(v, r, np.zeros((1, COUNT)), "stretch", MODEL)[0] for r in (left, longer)))
+        )
+        for v in (view(left[0]), view(left[0], taken=(one,)))
+    ]
+    assert 0.0 < lost[1] < 0.3 * lost[0]
+
+
+def test_scatter_beside_what_was_taken_away_does_not_explain_its_length() -> None:
+    rng = np.random.default_rng(5)
+    name = "bending_hysteresis"
+    draws, strong = rng.standard_normal((6, COUNT)), 9.0 * rng.standard_normal(COUNT)
+    effect = get_effect(name)
+    found = []
+    for error in (0.0, 0.08):
+        measured = rng.standard_normal(COUNT) + (1.0 + error) * strong
+        seen = View(
+            measured,
+            {"air_draft": np.tile(strong, (len(nodes(get_effect("air_draft"))), 1))},
+            {name: draws},
+            np.eye(COUNT),
+            0.0,
+        )
+        taken = replace(seen, measured=measured - strong, taken=(strong,))
+        block = replace(blocks_of({})[0], stated=taken, wide=taken)
+        table = tabulate(effect, [block], PixelBlock(np.zeros(0), {}, sensor_known=True), MODEL)
+        found.append(float(table.blocks[0].max() - table.blocks[0].min()))
+    assert found[1] < found[0] + 3.0
+
+
+def blocks_of(sizes: Mapping[str, Mapping[str, float]], joint: float = 0.0, *, form: float = 0.0) -> list[Block]:
+    """Four fabrics with some effects.
+
+    Args:
+        sizes: of the effects that are there.
+        joint: how much of an own form the crease's response has where a draft is there, too.
+        form: error of the draft's simulated response, in its own root mean square.
+    """
+    rng = np.random.default_rng(7)
+    blocks = []
+    for fabric in range(FABRICS):
+        rows = {n: 6.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in SIZES}
+        other = (1.0 - joint) * rows["crease"] + joint * 6.0 * rng.standard_normal(rows["crease"].shape)
+        shown = rows | {"crease": other} if len(sizes) == 2 else rows
+        measured = rng.standard_normal(COUNT)
+        for name, size in sizes.items():
+            change = node_weights(get_effect(name), size) @ shown[name]
+            wrong = form * np.sqrt(np.mean(change**2)) * rng.standard_normal(COUNT) if name == "air_draft" else 0.0
+            measured = measured + change + wrong
+        own = View(measured, rows, {}, np.eye(COUNT), 0.0, {("crease", "air_draft"): other} if joint else {})
+        owner, cell = np.repeat([0, 1], COUNT // 2), np.tile(np.arange(COUNT // 2), 2)
+        still = np.zeros((4, COUNT))
+        blocks.append(
+            Block(f"f{fabric}", "stretch", ("a", "b"), own, own, cell, owner, np.zeros((7, COUNT)), still, still)
+        )
+    return blocks
+
+
+def named(blocks: Sequence[Block]) -> Cause:
+    still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in SIZES}
+    return name_cause(tuple(SIZES), blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
+
+
+def test_taken_away_an_effect_leaves_its_uncertainty_behind() -> None:
+    block = blocks_of({"air_draft": DRAFT})[0]
+    left = without(block, "air_draft", DRAFT)
+    taken = node_weights(get_effect("air_draft"), DRAFT) @ block.stated.responses["air_draft"]
+    np.testing.assert_allclose(left.stated.taken, [taken])
+    np.testing.assert_allclose(left.stated.measured + taken, block.stated.measured)
+    assert without(block, "bending_hysteresis", {SCALAR: 4.0, "seed": 1.0}) is block
+
+
+def test_what_a_strong_effect_is_simulated_wrong_by_is_no_second_effect() -> None:
+    assert named(blocks_of({"air_draft": DRAFT}, form=0.15)).named == ("air_draft",)
+
+
+def test_a_weak_effect_beside_a_strong_one_is_named() -> None:
+    assert set(named(blocks_of(SIZES)).named) == set(SIZES)
+
+
+def test_both_are_named_where_they_were_simulated_together() -> None:
+    blocks = blocks_of(SIZES, joint=1.0)
+    alone = [replace(b, stated=replace(b.stated, beside={}), wide=replace(b.wide, beside={})) for b in blocks]
+    assert set(named(blocks).named) == set(SIZES)
+    assert "crease" not in named(alone).named
+
+
+def evidence(name: str, value: float, size: Mapping[str, float] = {}) -> Evidence:
+    return Evidence(name, value, value, {}, dict(size), dict(size), value, {})
+
+
+def cause_of(pair_nats: float, second: str = "crease", size: float = 1.0, top: str = "air_draft") -> Cause:
+    singles = {"none": evidence("none", 0.0), "air_draft": evidence("air_draft", 10.0, DRAFT)}
+    own = SIZES[second] | {SCALAR: size} if second in SIZES else {SCALAR: size, "seed": 1.0}
+    pair = Pair("air_draft", second, {"air_draft": DRAFT, second: own}, evidence(second, pair_nats))
+    return Cause({name: float(name == top) for name in singles}, singles, 10.0, tried=(pair,))
+
+
+def test_pairs_that_may_be_the_answer_are_simulated() -> None:
+    assert [p.second for p in together.candidates(cause_of(9.0))] == ["crease"]
+    assert together.candidates(cause_of(10.0 - refinement.NEAR_NATS)) == []
+    assert together.candidates(cause_of(12.0, "bending_hysteresis")) == []
+
+
+@pytest.mark.parametrize(("sizes", "expected"), [((1.0, 1.05), [1.0]), ((1.0, 1.5), [1.0, 1.5])])
+def test_a_pair_is_simulated_again_only_where_its_sizes_moved(
+    sizes: tuple[float, ...], expected: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated: list[float] = []
+
+    def look(own: Any, pairs: Sequence[Pair], scene: str) -> Any:
+        simulated.extend(pair.sizes["crease"][SCALAR] for pair in pairs)
+        return own
+
+    monkeypatch.setattr(together, "_looked_at", look)
+    causes = iter([cause_of(9.0, size=size) for size in sizes])
+    looks: Any = {"f1": SimpleNamespace(result=None)}
+    together.look_together(looks, lambda _: next(causes), "stretch")
+    assert simulated == expected
+
+
+def test_both_responses_give_what_was_simulated_with_both_on() -> None:
+    rng = np.random.default_rng(6)
+    rows = {n: (rng.standard_normal((len(nodes(get_effect(n))), 9)), np.zeros((1, 1))) for n in SIZES}
+    change = rng.standard_normal(9)
+    responses = Responses(np.zeros((7, 9)), np.zeros((8, 9)), np.zeros(9), np.zeros(9), rows, np.zeros(1))
+
+    class Look:
+        def drape(self, capture: Any, effects: Any) -> Any:
+            return SimpleNamespace(drape=SimpleNamespace(ok=capture.id != "lost"))
+
+        def change(self, capture: Any, effects: Any) -> np.ndarray:
+            assert [name for name, _ in effects] == ["air_draft", "crease"]
+            return change
+
+    pair = Pair("air_draft", "crease", SIZES, evidence("crease", 1.0))
+    look, seen = cast(FreshLook, Look()), Capture("seen", responses)
+    shown = together.with_both(look, cast(CaptureResult, seen), [pair]).responses
+    own = node_weights(get_effect("air_draft"), DRAFT) @ rows["air_draft"][0]
+    beside = node_weights(get_effect("crease"), CREASE) @ shown.beside["crease", "air_draft"][0]
+    np.testing.assert_allclose(own + beside, change, atol=1e-9)
+    lost = cast(CaptureResult, Capture("lost", responses))
+    assert together.with_both(look, lost, [pair]).responses.beside == {}
+
+
+@dataclass(frozen=True)
+class Capture:
+    """What of a capture's result is needed."""
+
+    id: str
+    responses: Responses
+
+
+def test_where_something_unknown_is_likeliest_the_likeliest_effects_are_looked_at_all_the_same() -> None:
+    singles = {
+        "none": evidence("none", 0.0),
+        "unknown": evidence("unknown", 40.0),
+        "air_draft": evidence("air_draft", 10.0, DRAFT),
+    }
+    cause = Cause({"none": 0.0, "unknown": 1.0, "air_draft": 0.0}, singles, 40.0)
+    assert refinement.candidates(cause) == [("air_draft", DRAFT)]
+    likely = replace(cause, probabilities={"none": 0.1, "unknown": 0.8, "air_draft": 0.1 + 1e-9})
+    assert refinement.leader(likely) == "air_draft"
+    assert refinement.leader(replace(cause, probabilities={"none": 0.2, "unknown": 0.8, "air_draft": 0.0})) is None
