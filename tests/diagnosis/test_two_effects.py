@@ -194,12 +194,45 @@ def test_both_responses_give_what_was_simulated_with_both_on() -> None:
     assert together.with_both(look, lost, [pair]).responses.beside == {}
 
 
+def test_two_effects_on_one_sensor_are_rendered_together_at_all_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps hide noise: what the second one changes beside the first is less than what it changes alone."""
+    noise, steps = get_effect("range_noise"), get_effect("quantisation")
+
+    def seen(depth: Any, sizes: Mapping[str, float], reference: Any) -> Any:
+        value = sizes.get(noise.name, 0.0) * (0.2 if steps.name in sizes else 1.0) + 7.0 * sizes.get(steps.name, 0.0)
+        return SimpleNamespace(vector=lambda: np.full(3, value), pixels=np.array([value]))
+
+    monkeypatch.setattr(together, "sensed", seen)
+    monkeypatch.setattr(together, "with_effects", lambda scene, sizes: {name: size[SCALAR] for name, size in sizes})
+    rows = {
+        effect.name: (np.zeros((len(nodes(effect)), 3)), factor * np.array([[s[SCALAR]] for s in nodes(effect)]))
+        for effect, factor in ((noise, 1.0), (steps, 7.0))
+    }
+    responses = Responses(np.zeros((7, 3)), np.zeros((8, 3)), np.zeros(3), np.zeros(3), rows, np.zeros(1))
+    look = cast(FreshLook, SimpleNamespace(scene_of=lambda capture: None))
+    size = nodes(steps)[4]
+    pair = Pair(steps.name, noise.name, {steps.name: size, noise.name: {SCALAR: 0.001}}, evidence(noise.name, 1.0))
+    capture = cast(CaptureResult, Capture("seen", responses, SimpleNamespace(depth=None)))
+    vectors, pixels = together.with_both(look, capture, [pair]).responses.beside[noise.name, steps.name]
+    np.testing.assert_allclose(pixels[:, 0], [0.2 * s[SCALAR] for s in nodes(noise)], atol=1e-12)
+    np.testing.assert_array_equal(vectors, 0.0)
+
+
+def test_what_is_only_rendered_is_tried_further_behind() -> None:
+    singles = {"none": evidence("none", 0.0), "quantisation": evidence("quantisation", 20.0)}
+    for second, expected in (("range_noise", 1), ("crease", 0)):
+        pair = Pair("quantisation", second, {}, evidence(second, 20.0 - 2 * refinement.NEAR_NATS))
+        cause = Cause(dict.fromkeys(singles, 0.0), singles, 10.0, tried=(pair,))
+        assert len(together.candidates(cause)) == expected
+
+
 @dataclass(frozen=True)
 class Capture:
     """What of a capture's result is needed."""
 
     id: str
     responses: Responses
+    reference: Any = None
 
 
 def test_where_something_unknown_is_likeliest_the_likeliest_effects_are_looked_at_all_the_same() -> None:
