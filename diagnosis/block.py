@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -55,6 +56,7 @@ class Block:
         jacobian: change for one stated standard deviation of each parameter [m], [7, n].
         pins: change for each pin moved along x and y [m/m], [2 pins, n].
         warps: change for each linear warp of the picture, forward, then backward [m], [8, n].
+        density: of the fabric [kg/m2]; NaN where it does not matter.
     """
 
     fabric: str
@@ -67,6 +69,7 @@ class Block:
     jacobian: Array
     pins: Array
     warps: Array
+    density: float = math.nan
 
     @property
     def views(self) -> tuple[View, View]:
@@ -78,13 +81,16 @@ class Block:
         return np.asarray(self.stated.factor @ whitened)
 
 
-def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model: NoiseModel) -> Block:
+def make_block(
+    captures: Sequence[CaptureResult], sigma: Sequence[float], model: NoiseModel, density: float = math.nan
+) -> Block:
     """Stack the repeats of a fabric and scene and whiten them; the panel's plane is left to :class:`PixelBlock`.
 
     Args:
         captures: of one fabric in one scene.
         sigma: stated relative uncertainty of the seven parameters.
         model: all other errors.
+        density: of the fabric [kg/m2], where effects that go with it are to be told apart.
     """
     measured = np.concatenate([c.measured.vector() for c in captures])
     on_plane = np.concatenate([np.arange(c.reference.count + 3) >= c.reference.count for c in captures])
@@ -112,6 +118,7 @@ def make_block(captures: Sequence[CaptureResult], sigma: Sequence[float], model:
         stacked_jacobian(captures, sigma)[:, seen],
         np.concatenate([c.responses.pins for c in captures], axis=1)[:, seen],
         np.concatenate([c.warps for c in captures], axis=1)[:, seen],
+        density,
     )
 
 

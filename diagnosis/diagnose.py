@@ -237,7 +237,12 @@ class _Conclusion:
 def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:
     """Fabric by fabric, scene by scene."""
     return [
-        make_block([c for c in result.captures if c.scene == scene], result.task.relative_sigma, noise)
+        make_block(
+            [c for c in result.captures if c.scene == scene],
+            result.task.relative_sigma,
+            noise,
+            result.task.parameters.density,
+        )
         for result in results
         for scene in ("hanging", "stretch")
         if any(c.scene == scene for c in result.captures)

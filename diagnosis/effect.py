@@ -9,6 +9,7 @@ from enum import StrEnum
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from diagnosis.scene import SimulationScene
 from simcore.errors import InputError
@@ -55,6 +56,19 @@ Apply = Callable[[SimulationScene, Size], SimulationScene]
 
 
 @dataclass(frozen=True)
+class Twin:
+    """An effect that does the same to a fabric at another size.
+
+    Attributes:
+        name: of that effect.
+        size: its magnitudes that do the same as given ones of this effect, to a fabric of some density [kg/m2].
+    """
+
+    name: str
+    size: Callable[[NDArray[np.float64], float], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue.
 
@@ -75,6 +89,7 @@ class Effect:
         holds: the cloth rests wherever it was put and any capture fits; not looked at again, and no half of a pair.
         white: it changes pixels one by one and not their mean over a cell.
         vague: pixel statistics that it changes by more or less, as chance has it.
+        twin: an effect that differs from it only in how its sizes go with the fabrics' density.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
     """
 
@@ -91,6 +106,7 @@ class Effect:
     holds: bool = False
     white: bool = False
     vague: tuple[str, ...] = ()
+    twin: Twin | None = None
     vanishes_at_zero: bool = True
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
 

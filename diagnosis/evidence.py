@@ -13,6 +13,7 @@ from scipy.stats import f as f_distribution
 
 from diagnosis.block import Block, PixelBlock, View, whiten
 from diagnosis.effect import SCALAR, Effect
+from diagnosis.effects import get_effect
 from diagnosis.intervals import all_inside, size_interval
 from diagnosis.likelihood import (
     Lengths,
@@ -195,10 +196,15 @@ def _tabulate_scalar(
     values = []
     for block in blocks:
         found = []
-        for form in weights:
+        for name, form in (
+            *((effect.name, form) for form in weights),
+            *_twin_forms(effect, sizes, block, as_simulated),
+        ):
             rows = []
             for view in block.views:
-                response = np.concatenate([form @ view.responses[effect.name][own] for own in slices])
+                known = view.responses[name]
+                own = slices if name == effect.name else [slice(None)] * places
+                response = np.concatenate([form @ known[part] for part in own])
                 rows.append(view_log_likelihood(view, view.measured - response, response, block.scene, model))
             found.append(over_views(np.stack(rows), model))
         values.append(np.asarray(logsumexp(found, axis=0) - np.log(len(found))))
@@ -210,6 +216,18 @@ def _tabulate_scalar(
         np.tile(log_prior(effect, sizes), places) - np.log(places),
         tuple({SCALAR: float(size)} | dict(place) for place in effect.places for size in sizes),
     )
+
+
+def _twin_forms(effect: Effect, sizes: Array, block: Block, as_simulated: bool) -> list[tuple[str, Array]]:
+    """Forms of the response to an effect's twin at the sizes that do the same to this fabric: which of the two was
+    simulated in the folds that are seen is chance, how their sizes go with the density is not.
+    """
+    twin = effect.twin
+    if twin is None or twin.name not in block.stated.responses or not np.isfinite(block.density):
+        return []
+    other, alike = get_effect(twin.name), twin.size(sizes, block.density)
+    forms = [interpolation(other, alike)] if as_simulated else response_forms(other, alike)
+    return [(twin.name, form) for form in forms]
 
 
 def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:

@@ -118,6 +118,24 @@ class FreshLook:
             self.begun.setdefault((capture.id, names), (best, near))
         return best
 
+    def without_last(self, capture: CaptureResult, effects: Sequence[Sized]) -> bool:
+        """Let the last of some effects go again; whether that leaves the cloth nearer to a capture than it was known.
+
+        It may only have helped the cloth over a ridge into folds that the search with the others missed.
+        """
+        task, scene = self.result.task, with_effects(self.scene_of(capture), effects[:-1])
+        depth = next(c.depth for c in task.captures if c.id == capture.id)
+        shown, known = self.drape(capture, effects), self.drape(capture, effects[:-1])
+        left = self.simulator.proceed(shown, task.parameters, scene) if shown.drape.ok else shown
+        if not left.drape.ok:
+            return False
+        near = depth_rms(depth, picture_of(left.drape, scene))
+        if known.drape.ok and near >= NEARER * depth_rms(depth, picture_of(known.drape, scene)) - NEAR_MARGIN_M:
+            return False
+        key = drape_key(capture.base.drape.mesh, task.parameters, scene.setup, scene.mechanics)
+        self.found[key][capture.id] = (left, near)
+        return True
+
     def picture(
         self, capture: CaptureResult, effects: Sequence[Sized], fabric: FabricParameters | None = None
     ) -> NDArray[np.float32]:
@@ -161,7 +179,7 @@ def freshen(look: FreshLook, candidates: Sequence[Sized], scene: str) -> FabricR
         if capture.scene == scene:
             capture = _rebased(look, capture, solved)
         names = [n for n in look.sizes if capture.scene == scene or not get_effect(n).moves_cloth]
-        captures.append(replace(capture, responses=_bent(look, capture, names)))
+        captures.append(replace(capture, responses=bent(look, capture, names)))
     return replace(look.result, captures=tuple(captures))
 
 
@@ -194,7 +212,7 @@ def _rebased(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized
     )
 
 
-def _bent(look: FreshLook, capture: CaptureResult, names: Sequence[str]) -> Responses:
+def bent(look: FreshLook, capture: CaptureResult, names: Sequence[str]) -> Responses:
     """Through the outcomes of some effects at all sizes that were simulated so far."""
     coarse = look.coarse.setdefault(capture.id, capture.responses)
     effects = dict(coarse.effects)

@@ -13,7 +13,7 @@ from diagnosis.cause import NOT_EFFECTS, Cause, Pair
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, FabricResult
-from diagnosis.fresh import FreshLook, Sized, bend, is_mechanical, with_effects
+from diagnosis.fresh import FreshLook, Sized, bend, bent, is_mechanical, with_effects
 from diagnosis.refinement import NEAR_NATS, alike
 from diagnosis.responses import clean, sensed
 from diagnosis.sizes import nodes
@@ -73,16 +73,13 @@ def candidates(cause: Cause) -> list[Pair]:
     def near(nats: float) -> list[Pair]:
         return [pair for pair in tried if pair.evidence.log_evidence > max(best - nats, none)]
 
-    solved = [pair for pair in near(NEAR_NATS) if _move_the_picture(pair)]
+    solved = [pair for pair in near(NEAR_NATS) if _move_the_cloth(pair)]
     return solved[:CANDIDATES] + [pair for pair in near(RENDERED_NATS) if _on_one_sensor(pair)][:CANDIDATES]
 
 
-def _move_the_picture(pair: Pair) -> bool:
-    """One moves the cloth, the other one moves it, too, or the camera."""
-    both = [get_effect(name) for name in (pair.first, pair.second)]
-    if any(effect.random_repeats or effect.stage is Stage.SENSOR for effect in both):
-        return False
-    return any(is_mechanical(effect) for effect in both)
+def _move_the_cloth(pair: Pair) -> bool:
+    """Both do; beside what only moves the picture, a second effect would be sought in folds that the first was not."""
+    return all(is_mechanical(get_effect(name)) for name in (pair.first, pair.second))
 
 
 def _on_one_sensor(pair: Pair) -> bool:
@@ -102,8 +99,16 @@ def _looked_at(look: FreshLook, pairs: Sequence[Pair], scene: str) -> FreshLook:
 
 
 def with_both(look: FreshLook, capture: CaptureResult, pairs: Sequence[Pair]) -> CaptureResult:
-    """With the second effects' responses such that both together give what was simulated; the last sizes count."""
+    """With the second effects' responses such that both together give what was simulated; the last sizes count.
+
+    Where the first effect alone, once the second is gone again, fits better than it was known to, it gets that too.
+    """
     beside = dict(capture.responses.beside)
+    for pair in pairs:
+        if not _on_one_sensor(pair) and look.without_last(capture, _both(pair)):
+            look.sizes.setdefault(pair.first, []).append(pair.sizes[pair.first])
+            names = [name for name in look.sizes if name in capture.responses.effects]
+            capture = replace(capture, responses=bent(look, capture, names))
     for pair in pairs:
         found = _sensed_with_both(look, capture, pair) if _on_one_sensor(pair) else _simulated(look, capture, pair)
         if found is not None:

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.effect import SCALAR, Effect, Size, Stage, Twin, scalar
 from diagnosis.scene import SimulationScene
+from simcore.scenes import GRAVITY_M_S2
+
+STEEPEST = 0.7
+"""Sine of the largest tilt that a draft is held against."""
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
     """A uniform pressure."""
     return scene.with_mechanics(air_pressure_pa=scene.mechanics.air_pressure_pa + size[SCALAR])
+
+
+def as_tilt(pressure: NDArray[np.float64], density: float) -> NDArray[np.float64]:
+    """Tilt of the panel [deg] at which gravity presses the cloth to it as a draft does [Pa]."""
+    sine = np.clip(-pressure / (density * GRAVITY_M_S2), -STEEPEST, STEEPEST)
+    return np.asarray(np.degrees(np.arcsin(sine)))
 
 
 EFFECT = Effect(
@@ -20,4 +33,5 @@ EFFECT = Effect(
     hook="mechanics.air_pressure_pa",
     source="Dynamic pressure of air at 0.4 to 0.9 m/s, 1/2 rho v^2.",
     change=change,
+    twin=Twin("panel_tilt", as_tilt),
 )

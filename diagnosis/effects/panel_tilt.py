@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 
-from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.effect import SCALAR, Effect, Size, Stage, Twin, scalar
 from diagnosis.scene import SimulationScene
+from simcore.scenes import GRAVITY_M_S2
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
@@ -14,6 +18,11 @@ def change(scene: SimulationScene, size: Size) -> SimulationScene:
     angle = math.radians(size[SCALAR])
     cosine, sine = math.cos(angle), math.sin(angle)
     return scene.with_mechanics(gravity=(gx, cosine * gy - sine * gz, sine * gy + cosine * gz))
+
+
+def as_draft(tilt: NDArray[np.float64], density: float) -> NDArray[np.float64]:
+    """Pressure of a draft [Pa] that does what gravity does across a tilted panel [deg]."""
+    return np.asarray(-density * GRAVITY_M_S2 * np.sin(np.radians(tilt)))
 
 
 EFFECT = Effect(
@@ -25,4 +34,5 @@ EFFECT = Effect(
     hook="mechanics.gravity",
     source="A panel set up without a level.",
     change=change,
+    twin=Twin("air_draft", as_draft),
 )

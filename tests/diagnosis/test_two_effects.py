@@ -180,6 +180,9 @@ def test_both_responses_give_what_was_simulated_with_both_on() -> None:
         def drape(self, capture: Any, effects: Any) -> Any:
             return SimpleNamespace(drape=SimpleNamespace(ok=capture.id != "lost"))
 
+        def without_last(self, capture: Any, effects: Any) -> bool:
+            return False
+
         def change(self, capture: Any, effects: Any) -> np.ndarray:
             assert [name for name, _ in effects] == ["air_draft", "crease"]
             return change
