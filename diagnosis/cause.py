@@ -16,7 +16,7 @@ from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing
 from diagnosis.groups import group_of
 from diagnosis.likelihood import ALONE_NATS, LikelihoodModel, pixel_log_likelihood, pixel_unknown
 from diagnosis.remainder import Mixture
-from diagnosis.subtract import pixels_together, pixels_without, responses_at_place, together, without
+from diagnosis.subtract import as_seen, pixels_together, pixels_without, responses_at_place, together, without
 from diagnosis.unknown import tabulate_unknown
 
 Array = NDArray[np.float64]
@@ -248,7 +248,8 @@ def _besides(
         for name in usable:
             left = [without(block, name, sizes[name]) for block in left]
         own = [
-            [responses_at_place(block.stated.responses, name, sizes[name]) for name in usable] for block in simulated
+            [responses_at_place(block.stated.responses, *as_seen(block, name, sizes[name])) for name in usable]
+            for block in simulated
         ]
         return mixture.gain([block.stated.measured for block in left], [np.concatenate(rows) for rows in own])
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.block import Block, PixelBlock, View
+from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.sizes import node_values, node_weights
 
@@ -45,11 +46,25 @@ def responses_at_place(responses: Mapping[str, Array], name: str, size: Mapping[
     return responses[name][here * count : (here + 1) * count]
 
 
+def as_seen(block: Block, name: str, size: Mapping[str, float]) -> tuple[str, Mapping[str, float]]:
+    """The effect, or its twin at the size that does the same to the block's fabric, whichever leaves less of it."""
+    twin = get_effect(name).twin
+    if twin is None or twin.name not in block.stated.responses or not np.isfinite(block.density):
+        return name, size
+    other = {SCALAR: float(twin.size(np.array([size[SCALAR]]), block.density)[0])}
+
+    def left(source: tuple[str, Mapping[str, float]]) -> float:
+        return float(np.linalg.norm(block.stated.measured - response_to(block.stated.responses, *source)))
+
+    return min((name, size), (twin.name, other), key=left)
+
+
 def without(block: Block, name: str, size: Mapping[str, float]) -> Block:
     """A block as if the effect had been simulated too; its response stays as uncertain as that of an effect alone."""
     if get_effect(name).random_repeats:
         return block
-    stated, wide = (_without(view, response_to(view.responses, name, size)) for view in block.views)
+    source = as_seen(block, name, size)
+    stated, wide = (_without(view, response_to(view.responses, *source)) for view in block.views)
     return replace(block, stated=stated, wide=wide)
 
 
