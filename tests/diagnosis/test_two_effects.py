@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from diagnosis import refinement, together
+from diagnosis import fresh, refinement, together
 from diagnosis.block import Block, PixelBlock, View
 from diagnosis.cause import Cause, Pair, name_cause
 from diagnosis.effect import SCALAR
@@ -20,8 +20,10 @@ from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook
 from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
 from diagnosis.responses import Responses
+from diagnosis.scene import SimulationScene
 from diagnosis.sizes import node_weights, nodes
 from diagnosis.subtract import without
+from simcore.scenes import Setup
 
 COUNT, FABRICS = 60, 4
 DRAFT, CREASE = {SCALAR: 0.4}, {SCALAR: 1.0, "down": 1.0, "position": 0.5}
@@ -195,6 +197,30 @@ def test_both_responses_give_what_was_simulated_with_both_on() -> None:
     np.testing.assert_allclose(own + beside, change, atol=1e-9)
     lost = cast(CaptureResult, Capture("lost", responses))
     assert together.with_both(look, lost, [pair]).responses.beside == {}
+
+
+@pytest.mark.parametrize(("left_mm", "ok", "nearer"), [(1.0, True, True), (2.9, True, False), (1.0, False, False)])
+def test_what_the_second_effect_leaves_behind_is_the_firsts_where_it_is_nearer(
+    left_mm: float, ok: bool, nearer: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def state(distance_mm: float, *, ok: bool = True) -> Any:
+        return SimpleNamespace(drape=SimpleNamespace(ok=ok, mesh=None, distance=distance_mm / 1e3))
+
+    class Look(FreshLook):
+        def drape(self, capture: Any, effects: Any, fabric: Any = None) -> Any:
+            return state(0.5) if len(effects) == 2 else state(3.0)
+
+    monkeypatch.setattr(fresh, "picture_of", lambda drape, scene: drape)
+    monkeypatch.setattr(fresh, "depth_rms", lambda depth, drape: drape.distance)
+    monkeypatch.setattr(fresh, "drape_key", lambda *what: "first alone")
+    seen = SimpleNamespace(id="seen", depth=None, scene=SimulationScene(Setup.nominal("stretch")))
+    left = state(left_mm, ok=ok)
+    simulator: Any = SimpleNamespace(proceed=lambda start, fabric, scene: left)
+    result: Any = SimpleNamespace(task=SimpleNamespace(captures=[seen], parameters=None))
+    look = Look(simulator, result, found={"first alone": {}})
+    capture: Any = SimpleNamespace(id="seen", base=state(4.0))
+    assert look.without_last(capture, [("air_draft", DRAFT), ("crease", CREASE)]) is nearer
+    assert look.found["first alone"] == ({"seen": (left, 0.001)} if nearer else {})
 
 
 def test_two_effects_on_one_sensor_are_rendered_together_at_all_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
