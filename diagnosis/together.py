@@ -141,9 +141,7 @@ def _sensed_with_both(look: FreshLook, capture: CaptureResult, pair: Pair) -> tu
     rows = []
     for size in nodes(second):
         both = seen(*first.items(), (pair.second, size))
-        rows.append(
-            [clean(with_both - without - own) for with_both, without, own in zip(both, still, taken, strict=True)]
-        )
+        rows.append([clean(shown - before - own) for shown, before, own in zip(both, still, taken, strict=True)])
     vectors, pixels = (np.stack(values) for values in zip(*rows, strict=True))
     return np.zeros_like(vectors) if second.white else vectors, pixels
 

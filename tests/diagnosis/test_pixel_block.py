@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -69,6 +70,9 @@ def test_the_noise_that_coarse_steps_give_depends_on_where_the_panel_lies() -> N
     block = PixelBlock(measured, rows, sensor_known=True, names=("log_noise", "log_step"))
     np.testing.assert_array_equal(block.vagueness("quantisation"), [25.0, 0.0])
     np.testing.assert_array_equal(block.vagueness("range_noise"), [0.0, 0.0])
+    every = np.ones((len(nodes(get_effect("quantisation"))), 1)) * rows["quantisation"][1]
+    left = pixels_without(replace(block, responses={"quantisation": every}), "quantisation", {"magnitude": 0.003})
+    np.testing.assert_array_equal(left.vague, [625.0, 0.0])
     coarse = rows["quantisation"][:1]
     vague = pixel_log_likelihood(block, coarse, model, block.vagueness("quantisation"))
     noisy = pixel_log_likelihood(block, rows["range_noise"][:1], model, block.vagueness("range_noise"))

@@ -15,7 +15,7 @@ from diagnosis.block import Block, PixelBlock, View
 from diagnosis.cause import Cause, Pair, name_cause
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence, tabulate
+from diagnosis.evidence import Evidence, tabulate, tabulate_nothing
 from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook
 from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
@@ -61,24 +61,17 @@ def test_what_was_taken_away_is_as_uncertain_as_what_is_tried() -> None:
 
 def test_scatter_beside_what_was_taken_away_does_not_explain_its_length() -> None:
     rng = np.random.default_rng(5)
-    name = "bending_hysteresis"
-    draws, strong = rng.standard_normal((6, COUNT)), 9.0 * rng.standard_normal(COUNT)
-    effect = get_effect(name)
-    found = []
-    for error in (0.0, 0.08):
-        measured = rng.standard_normal(COUNT) + (1.0 + error) * strong
-        seen = View(
-            measured,
-            {"air_draft": np.tile(strong, (len(nodes(get_effect("air_draft"))), 1))},
-            {name: draws},
-            np.eye(COUNT),
-            0.0,
-        )
-        taken = replace(seen, measured=measured - strong, taken=(strong,))
-        block = replace(blocks_of({})[0], stated=taken, wide=taken)
-        table = tabulate(effect, [block], PixelBlock(np.zeros(0), {}, sensor_known=True), MODEL)
-        found.append(float(table.blocks[0].max() - table.blocks[0].min()))
-    assert found[1] < found[0] + 3.0
+    name, strong = "bending_hysteresis", 20.0 * rng.standard_normal(COUNT)
+    measured = rng.standard_normal(COUNT) + 0.08 * strong
+    block, pixels = blocks_of({})[0], PixelBlock(np.zeros(0), {}, sensor_known=True)
+    gained = []
+    for taken in ((), (strong,)):
+        seen = View(measured, {}, {name: 0.3 * strong[None]}, np.eye(COUNT), 0.0, taken=taken)
+        own = [replace(block, stated=seen, wide=seen)]
+        still = tabulate_nothing(own, pixels, MODEL).blocks[0]
+        gained.append(float(tabulate(get_effect(name), own, pixels, MODEL).blocks[0].max() - still[0]))
+    assert gained[0] > 2.0
+    assert gained[1] < 0.2 * gained[0]
 
 
 def blocks_of(sizes: Mapping[str, Mapping[str, float]], joint: float = 0.0, *, form: float = 0.0) -> list[Block]:
@@ -253,6 +246,34 @@ def test_what_is_only_rendered_is_tried_further_behind() -> None:
         pair = Pair("quantisation", second, {}, evidence(second, 20.0 - 2 * refinement.NEAR_NATS))
         cause = Cause(dict.fromkeys(singles, 0.0), singles, 10.0, tried=(pair,))
         assert len(together.candidates(cause)) == expected
+
+
+def test_what_a_second_effect_left_bends_the_firsts_responses(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = {n: (np.zeros((len(nodes(get_effect(n))), 9)), np.zeros((1, 1))) for n in SIZES}
+    responses = Responses(np.zeros((7, 9)), np.zeros((8, 9)), np.zeros(9), np.zeros(9), rows, np.zeros(1))
+    fitted = replace(responses, effects=rows | {"air_draft": (rows["air_draft"][0] + 1.0, np.zeros((1, 1)))})
+    monkeypatch.setattr(together, "bent", lambda look, capture, names: fitted if "air_draft" in names else None)
+    lost = SimpleNamespace(drape=SimpleNamespace(ok=False))
+    look: Any = SimpleNamespace(sizes={}, without_last=lambda capture, effects: True, drape=lambda capture, both: lost)
+    pair = Pair("air_draft", "crease", SIZES, evidence("crease", 1.0))
+    found = together.with_both(look, cast(CaptureResult, Capture("seen", responses)), [pair])
+    assert found.responses.effects is fitted.effects and look.sizes == {"air_draft": [DRAFT]}
+
+
+def test_two_effects_on_one_sensor_are_named_by_what_was_rendered_with_both() -> None:
+    names, numbers = ("dropout", "range_noise"), 8
+    rng = np.random.default_rng(9)
+    rows = {n: 30.0 * rng.standard_normal(numbers) * np.ones((len(nodes(get_effect(n))), 1)) for n in names}
+    both = 30.0 * rng.standard_normal(numbers) * np.ones_like(rows["range_noise"])
+    blocks = []
+    for block in blocks_of({}):
+        still = {n: np.zeros((len(r), COUNT)) for n, r in rows.items()}
+        seen = replace(block.stated, responses=still)
+        blocks.append(replace(block, stated=seen, wide=seen))
+    pixels = PixelBlock(rows["dropout"][0] + both[0], rows, sensor_known=True)
+    told = replace(pixels, beside={("range_noise", "dropout"): both})
+    assert set(name_cause(names, blocks, told).named) == set(names)
+    assert len(name_cause(names, blocks, pixels).named) < 2
 
 
 @dataclass(frozen=True)
