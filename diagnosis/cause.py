@@ -50,7 +50,7 @@ class CausePrior:
     none: float = 0.3
     unknown: float = 0.07
     two: float = 0.15
-    scatter: float = 0.07
+    scatter: float = 0.15
     unseen: float = 0.1
 
     def shares(self, effects: Sequence[str], *, pixels_seen: bool = True) -> dict[str, float]:

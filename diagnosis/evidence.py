@@ -234,9 +234,11 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
     """An effect that is another in every repeat widens the blocks' covariance.
 
     The responses simulated for some random draws give the spread and its size; what other draws would give is a smooth
-    change of the same size, another one in every capture.
+    change of the same size, another one in every capture. So many directions explain any small errors, and the others
+    are then smaller still: errors that are no larger than modelled gain nothing by it.
     """
     sizes = grid(effect)
+    modelled = replace(model, least_scale=1.0)
     step = SCATTER_LEFT * np.abs(sizes) / node_values(effect)[0]
     in_stretch = any(block.scene == "stretch" for block in blocks)
     values = []
@@ -251,7 +253,9 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
             draws = view.scatter[effect.name] / np.sqrt(len(effect.places))
             length = float(np.sqrt(np.sum((draws @ view.factor.T) ** 2) / len(block.owner)))
             further = FURTHER_DRAWS * length * whiten(view, forms).T
-            rows.append(widened(view, np.concatenate([draws, further]), step, block.scene, model))
+            wider = widened(view, np.concatenate([draws, further]), step, block.scene, modelled)
+            gain = wider - _at_rest(view, block.scene, modelled)
+            rows.append(_at_rest(view, block.scene, model) + gain)
         values.append(over_views(np.stack(rows), model))
     calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
     contradicted = sum(_scatter_contradicted(block) for block in blocks if block.scene == "stretch")

@@ -30,6 +30,7 @@ class LikelihoodModel:
     Attributes:
         spread_stretch, spread_hanging: how uncertain the size of a block's (one fabric in one scene) errors is,
             standard deviation of its logarithm.
+        least_scale: errors are not smaller than modelled by more than this.
         dimension_share: share of a block's dimensions that counts as independent.
         degrees: Student's degrees of freedom of the tests of gap and regions.
         pixel_degrees: of each pixel statistic.
@@ -42,6 +43,7 @@ class LikelihoodModel:
 
     spread_stretch: float = 0.35
     spread_hanging: float = 0.8
+    least_scale: float = float(SCALES[0])
     dimension_share: float = 0.25
     degrees: float = 20.0
     pixel_degrees: float = 8.0
@@ -56,8 +58,8 @@ class LikelihoodModel:
     def log_density(self, square: Array, dimension: float, scene: str) -> Array:
         """Log density of ``dimension`` errors of one unknown scale at squared length ``square`` (up to 2 pi's)."""
         spread = self.spread_hanging if scene == "hanging" else self.spread_stretch
-        weight = _scale_weights(spread)
-        values = -0.5 * np.asarray(square)[..., None] / SCALES**2 - dimension * np.log(SCALES) + weight
+        scales, weight = _scales(spread, self.least_scale)
+        values = -0.5 * np.asarray(square)[..., None] / scales**2 - dimension * np.log(scales) + weight
         most = values.max(axis=-1)  # scipy's logsumexp takes three times as long over rows this short
         total = most + np.log(np.exp(values - most[..., None]).sum(axis=-1))
         return np.asarray(total - 0.5 * dimension * np.log(2 * np.pi))
@@ -77,10 +79,11 @@ class LikelihoodModel:
 
 
 @cache
-def _scale_weights(spread: float) -> Array:
-    """Log of the weights of :data:`SCALES`, [scales]."""
-    weight = -0.5 * (np.log(SCALES) / spread) ** 2
-    return np.asarray(weight - logsumexp(weight))
+def _scales(spread: float, least: float) -> tuple[Array, Array]:
+    """Those of :data:`SCALES` that are not below the least one, and the log of their weights, [scales]."""
+    scales = SCALES[SCALES >= least]
+    weight = -0.5 * (np.log(scales) / spread) ** 2
+    return scales, np.asarray(weight - logsumexp(weight))
 
 
 def log_student(square: Array | float, dimension: float, degrees: float) -> Array:
