@@ -34,7 +34,7 @@ class Forecast:
     """What a diagnosis will cost.
 
     Attributes:
-        simulations: still to be solved, about, where the captures show folds that are at hand.
+        simulations: still to be solved, about, where all captures of a fabric in a scene show the same folds.
         seconds: CPU seconds that takes, about.
         most_simulations, most_seconds: the same where each capture shows folds of its own, which bring their own
             responses, and where looking closer changes which effects are looked at.
@@ -131,7 +131,7 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             looks = CANDIDATES if name == "stretch" else 0
             further = ROUNDS * (CANDIDATES + LATER_CANDIDATES) if name == "stretch" else 0
             one = _variations(task.effects, name, len(own[0].scene.setup.pins_m))
-            states = min(len(own), 2) if name == "hanging" else int(not at_hand)
+            states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)
             most += (bases, len(own) * one, len(own) * (1 + further))

@@ -81,7 +81,7 @@ class LikelihoodModel:
 @cache
 def _scales(spread: float, least: float) -> tuple[Array, Array]:
     """Those of :data:`SCALES` that are not below the least one, and the log of their weights, [scales]."""
-    scales = SCALES[SCALES >= least]
+    scales = SCALES[least <= SCALES]
     weight = -0.5 * (np.log(scales) / spread) ** 2
     return scales, np.asarray(weight - logsumexp(weight))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from capture.capture_set import CaptureSet
@@ -12,8 +13,12 @@ from diagnosis import refinement
 from diagnosis.atlas import ATLAS_FILE, forecast, open_atlas
 from diagnosis.diagnose import DiagnosisOptions
 from diagnosis.drape_cache import DrapeCache
+from diagnosis.fabric_task import CaptureTask, FabricTask
 from diagnosis.preparation import prepare_tasks
+from diagnosis.scene import SimulationScene
 from simcore.errors import InputError
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
 from tests.diagnosis.conftest import CANDIDATES, Diagnose, MakeSet
 
 
@@ -83,3 +88,15 @@ def test_what_it_will_cost_is_known_beforehand(make_set: MakeSet, explain: Diagn
     for one in (cold, warm):
         assert one.most_simulations > one.simulations and one.most_seconds > one.seconds
     assert f"{cold.simulations} to {cold.most_simulations} simulations" in cold.sentence()
+
+
+def test_repeats_that_hang_alike_cost_one_state_a_fabric() -> None:
+    setup = Setup.nominal("hanging")
+    captures = [CaptureTask(f"c{n}", n, np.zeros((2, 2), np.float32), SimulationScene(setup), True) for n in range(3)]
+    fabric = FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2)
+    one, three = (
+        forecast([FabricTask("f", fabric, (0.1,) * 7, tuple(captures[:count]), CANDIDATES)], DrapeCache(None))
+        for count in (1, 3)
+    )
+    assert three.simulations == one.simulations
+    assert three.most_simulations > one.most_simulations
