@@ -42,7 +42,9 @@ def diagnose(
     atlas: Path | None = typer.Option(None, "--atlas", help="Folder of simulations; default: the user's cache."),
     build_atlas: bool = typer.Option(False, "--build-atlas", help="Only simulate what does not depend on pictures."),
     address: str | None = typer.Option(
-        None, "--address", help="With --build-atlas: a running Ray cluster that simulates (auto, host:port)."
+        None,
+        "--address",
+        help="With --build-atlas: a running Ray cluster that simulates (auto, host:port, ray://host:port).",
     ),
     afresh: bool = typer.Option(True, help="Simulate what may be named at its fitted size and judge again."),
     lpips: bool = typer.Option(True, help="Say how far the gap shrinks in LPIPS drape distance, too."),

@@ -16,7 +16,7 @@ from simcore.errors import SimulationError
 
 
 def solver_on_ray(address: str | None, workers: int | None) -> PartSolver:
-    """Solves parts on a running cluster (``auto``, ``host:port``), or on one of its own with so many workers.
+    """Solves parts on a running cluster (``auto``, ``host:port``, ``ray://...``), or on its own one of so many workers.
 
     The nodes share no folder: what a part kept comes back through Ray and is kept here.
 

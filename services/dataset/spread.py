@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -27,15 +28,23 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
     """
     import ray
 
-    remote: Any = ray.remote(work).options(num_cpus=1, max_retries=RETRIES)
+    # Sealed, because a cluster's server of clients (``ray://``) opens what passes through it: it would import what the
+    # workers need, and dies of Taichi beside Ray's own libraries.
+    remote: Any = ray.remote(_sealed).options(name=work.__name__, num_cpus=1, max_retries=RETRIES)
     waiting = list(reversed(items))
     pending: list[Any] = []
     try:
         while waiting or pending:
             while waiting and len(pending) < cores * WINDOW_PER_CORE:
-                pending.append(remote.remote(waiting.pop()))
+                pending.append(remote.remote(pickle.dumps((work, waiting.pop()))))
             done, pending = ray.wait(pending, num_returns=1)
-            yield from ray.get(done)
+            yield from (pickle.loads(parcel) for parcel in ray.get(done))
     finally:
         for task in pending:
             ray.cancel(task)
+
+
+def _sealed(parcel: bytes) -> bytes:
+    """Do a piece of work that came sealed, in a worker; seal what it makes."""
+    work, item = pickle.loads(parcel)
+    return pickle.dumps(work(item))

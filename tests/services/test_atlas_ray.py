@@ -32,6 +32,15 @@ def arrays(content: bytes) -> dict[str, np.ndarray]:
         return {name: data[name] for name in data.files if name != "facts"}  # which tell the seconds it took
 
 
+def assert_same_atlas(one: DrapeCache, other: DrapeCache) -> None:
+    """Equal file for file and array for array."""
+    expected, found = one.files(), other.files()
+    assert found.keys() == expected.keys()
+    for name, content in expected.items():
+        own, there = arrays(content), arrays(found[name])
+        assert own.keys() == there.keys() and all(np.array_equal(own[key], there[key]) for key in own)
+
+
 @pytest.mark.slow
 @pytest.mark.ray
 @pytest.mark.timeout(200)
@@ -45,11 +54,7 @@ def test_workers_of_ray_keep_what_one_process_keeps(
     told: list[float] = []
     rest = build_atlas(parts, there, told.append, solver_on_ray(None, 1))
     assert first.simulations + rest.simulations == alone.simulations > 20 and sum(told) == len(parts) == 2
-    expected, found = here.files(), there.files()
-    assert found.keys() == expected.keys()
-    for name, content in expected.items():
-        own, other = arrays(content), arrays(found[name])
-        assert own.keys() == other.keys() and all(np.array_equal(own[key], other[key]) for key in own)
+    assert_same_atlas(here, there)
     monkeypatch.setattr(on_ray, "ray_cluster", None)  # with nothing to solve no cluster is asked for
     assert build_atlas(parts, there, None, solver_on_ray(None, 1)).simulations == 0
 

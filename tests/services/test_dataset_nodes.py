@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 import os
-import secrets
-import signal
-import socket
 import subprocess
-import sys
 import time
 import urllib.request
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import psutil
 import pytest
 
 from renderer.store import Store
@@ -29,65 +22,10 @@ from tests.services.dataset_helpers import (
     small_sweep,
     write_without_ray,
 )
+from tests.services.ray_nodes import CLUSTER, at_work, free_port, head_node, kill_node, ray_node, wait_for_nodes
 from tests.services.test_dataset_sweep import wait_for_shards
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.timeout(600)]
-
-CLUSTER = {
-    "RAY_AUTH_MODE": "token",
-    "RAY_AUTH_TOKEN": secrets.token_hex(32),
-    "RAY_health_check_period_ms": "500",
-    "RAY_health_check_initial_delay_ms": "1000",
-    "RAY_health_check_failure_threshold": "6",
-    "RAY_metrics_report_interval_ms": "500",
-    "RAY_USAGE_STATS_ENABLED": "0",
-}
-START = [str(Path(sys.executable).with_name("ray")), "start", "--block", "--num-cpus=1", "--disable-usage-stats"]
-START += ["--object-store-memory=100000000", "--node-ip-address=127.0.0.1"]
-
-
-def free_port() -> int:
-    """A port that nobody listens on."""
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
-
-
-@contextmanager
-def ray_node(arguments: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """`ray start` until the end of the block, in a session of its own; all it started ends with it."""
-    with log.open("w") as out:
-        process = subprocess.Popen(
-            [*START, *arguments], stdout=out, stderr=out, env=os.environ | CLUSTER, start_new_session=True
-        )
-    try:
-        yield process
-    finally:
-        kill_node(process)
-
-
-def kill_node(process: subprocess.Popen[bytes]) -> None:
-    """SIGKILL for a node's every process, workers included."""
-    family = [process.pid]
-    if process.poll() is None:
-        family += [child.pid for child in psutil.Process(process.pid).children(recursive=True)]
-    for pid in family:
-        try:
-            os.kill(pid, signal.SIGKILL)
-        except ProcessLookupError:
-            continue
-    process.wait()
-
-
-def wait_for_nodes(address: str, count: int) -> None:
-    """Until the cluster has so many nodes."""
-    status = [str(Path(sys.executable).with_name("ray")), "status", "--address", address]
-    for _ in range(60):
-        answer = subprocess.run(status, capture_output=True, text=True, check=False, env=os.environ | CLUSTER)
-        if answer.stdout.count("1 node_") >= count:
-            return
-        time.sleep(1.0)
-    raise AssertionError(f"{count} nodes did not come up: {answer.stdout} {answer.stderr}")
 
 
 def scrape(port: int) -> dict[str, float]:
@@ -113,18 +51,13 @@ def wait_for_metric(port: int, name: str, process: subprocess.Popen[bytes]) -> d
 
 
 def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> None:
-    store, address = tmp_path / "s.zarr", f"127.0.0.1:{free_port()}"
+    store, port = tmp_path / "s.zarr", free_port()
+    address = f"127.0.0.1:{port}"
     undisturbed = write_without_ray(tmp_path / "undisturbed.zarr", *small_sweep(resolution_m=SLOW_M))
     client_port, metrics_port = free_port(), free_port()
-    head_arguments = [
-        "--head",
-        f"--ray-client-server-port={client_port}",
-        f"--port={address.split(':')[1]}",
-        f"--metrics-export-port={metrics_port}",
-        "--include-dashboard=false",
-    ]
+    head = head_node(port, f"--ray-client-server-port={client_port}", f"--metrics-export-port={metrics_port}")
     with (
-        ray_node(head_arguments, tmp_path / "head.log"),
+        ray_node(head, tmp_path / "head.log"),
         ray_node([f"--address={address}"], tmp_path / "second.log") as second,
     ):
         wait_for_nodes(address, 2)
@@ -133,7 +66,7 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
             driver = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | CLUSTER)
         try:
             wait_for_shards(store, 2, driver)
-            assert worker_titles(second.pid), "the second node was to have a worker"
+            assert at_work(second, "ShardWorker"), "the second node was to have a worker"
             kill_node(second)
             done = Store.open(store).complete.sum()
             assert done < SHARDS, "the node was to be killed in mid-run"
@@ -159,9 +92,3 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
         assert resumed.returncode == 0, resumed.stderr + (tmp_path / "head.log").read_text()
     assert_same_store(undisturbed, store)
     assert validate_store(Store.open(store)).valid
-
-
-def worker_titles(pid: int) -> list[str]:
-    """Titles of the shard workers among a process's descendants."""
-    lines = [" ".join(child.cmdline()) for child in psutil.Process(pid).children(recursive=True)]
-    return [line for line in lines if "ShardWorker" in line]
