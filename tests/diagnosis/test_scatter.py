@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,17 @@ def test_repeats_that_agree_show_no_scatter() -> None:
 def test_small_smooth_errors_are_no_scatter() -> None:
     """What is left beside so many directions is then far smaller than modelled, which is nobody's merit."""
     assert gain(fabrics(4.0, errors=0.3))[0] < 0.0
+
+
+def test_weak_scatter_costs_nothing_where_errors_are_small() -> None:
+    """It is held against nothing with errors of the same least scale."""
+    model = LikelihoodModel()
+    blocks = [replace(block, stated=weak(block.stated), wide=weak(block.wide)) for block in fabrics(0.0, errors=0.3)]
+    nothing = tabulate_nothing(blocks, QUIET, model)
+    for value, still in zip(tabulate(EFFECT, blocks, QUIET, model).blocks, nothing.blocks, strict=True):
+        assert value == pytest.approx(np.full_like(value, still[0]), abs=0.1)
+
+
+def weak(view: View) -> View:
+    """With draws that change next to nothing."""
+    return replace(view, scatter={name: 1e-3 * rows for name, rows in view.scatter.items()})
