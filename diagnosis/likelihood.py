@@ -30,7 +30,7 @@ class LikelihoodModel:
     Attributes:
         spread_stretch, spread_hanging: how uncertain the size of a block's (one fabric in one scene) errors is,
             standard deviation of its logarithm.
-        least_scale: errors are not smaller than modelled by more than this.
+        least_scale: least size of a block's errors, of what is modelled.
         dimension_share: share of a block's dimensions that counts as independent.
         degrees: Student's degrees of freedom of the tests of gap and regions.
         pixel_degrees: of each pixel statistic.

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -79,5 +79,8 @@ def wait_for_nodes(address: str, count: int) -> None:
 
 def at_work(node: subprocess.Popen[bytes], title: str) -> bool:
     """Whether a worker of this node has a title that says so: Ray names them by actor or task."""
-    lines = [" ".join(child.cmdline()) for child in psutil.Process(node.pid).children(recursive=True)]
-    return any(title in line for line in lines)
+    for child in psutil.Process(node.pid).children(recursive=True):
+        with suppress(psutil.NoSuchProcess):  # it ended since
+            if title in " ".join(child.cmdline()):
+                return True
+    return False
