@@ -21,7 +21,7 @@ from tests.services.test_atlas_ray import assert_same_atlas
 pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.timeout(600)]
 
 EFFECTS, RESOLUTION_M = ("air_draft", "depth_scale"), 0.025
-PLAN = SynthesisPlan(fabrics=3, scenes=("stretch",), repeats=1, resolution_m=0.05, seed=3, pin_radius_m=0.0)
+PLAN = SynthesisPlan(fabrics=2, scenes=("stretch",), repeats=1, resolution_m=0.05, seed=3, pin_radius_m=0.0)
 
 
 def build(captures: CaptureSet, folder: Path, address: str) -> list[str]:
