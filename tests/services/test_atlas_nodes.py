@@ -15,7 +15,8 @@ from diagnosis.atlas_part import atlas_parts
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
 from tests.services.dataset_helpers import PROGRAM
-from tests.services.ray_nodes import CLUSTER, at_work, free_port, head_node, kill_node, ray_node, wait_for_nodes
+from tests.services.ports import free_port
+from tests.services.ray_nodes import CLUSTER, at_work, head_node, kill_node, ray_node, wait_for_nodes
 from tests.services.test_atlas_ray import assert_same_atlas
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.timeout(600)]

@@ -22,7 +22,8 @@ from tests.services.dataset_helpers import (
     small_sweep,
     write_without_ray,
 )
-from tests.services.ray_nodes import CLUSTER, at_work, free_port, head_node, kill_node, ray_node, wait_for_nodes
+from tests.services.ports import free_port
+from tests.services.ray_nodes import CLUSTER, at_work, head_node, kill_node, ray_node, wait_for_nodes
 from tests.services.test_dataset_sweep import wait_for_shards
 
 pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.timeout(600)]

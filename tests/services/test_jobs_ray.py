@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.services.ports import free_port
 from tests.services.served import QUICK, SOFT, STIFF, finished, serving
 
 RAY = Path(sys.executable).parent / "ray"
@@ -23,9 +23,7 @@ TOKEN = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
 @pytest.fixture
 def cluster() -> Iterator[str]:
     """Address of a cluster of one node with one core, a process of its own."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     folder = tempfile.mkdtemp(prefix="dm-ray-")
     command = [str(RAY), "start", "--head", "--block", "--node-ip-address=127.0.0.1", f"--port={port}", "--num-cpus=1"]
     command += ["--include-dashboard=false", f"--temp-dir={folder}", "--object-store-memory=100000000"]
