@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.level import levelled
 from diagnosis.scene import SimulationScene
 from diagnosis.simulator import KeyedDrape, Simulator
 from diagnosis.state_library import SAME_STATE_M, StateLibrary, vertex_rms
@@ -38,10 +39,17 @@ def depth_rms(depth: NDArray[np.float32], other: NDArray[np.float32]) -> float:
     return float(np.sqrt(np.mean((depth[both].astype(np.float64) - other[both]) ** 2)))
 
 
+def state_distance(depth: NDArray[np.float32], drape: Drape, scene: SimulationScene) -> float:
+    """Root mean square of a capture's levelled difference from a drape's picture [m]; infinite where none is seen."""
+    difference = levelled(depth, picture_of(drape, scene), scene)
+    seen = np.isfinite(difference)
+    return float(np.sqrt(np.mean(difference[seen] ** 2))) if seen.any() else math.inf
+
+
 def warp_to_picture(
     drape: Drape, scene: SimulationScene, depth: NDArray[np.float32]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Vertices moved along their rays to the capture's (lightly smoothed) depth, and which of them are seen.
+    """Vertices moved along their rays to the capture's levelled, lightly smoothed depth, and which of them are seen.
 
     Hidden vertices stay. Returns positions [vertices, 3] in the panel frame and bool [vertices].
     """
@@ -49,8 +57,9 @@ def warp_to_picture(
 
     pose = scene.camera_from_panel
     own = picture_of(drape, scene)
-    known = (depth > 0) & (own > 0)
-    blurred = ndimage.gaussian_filter(np.where(known, depth - own, 0.0), 1.5)
+    difference = levelled(depth, own, scene)
+    known = np.isfinite(difference)
+    blurred = ndimage.gaussian_filter(np.where(known, difference, 0.0), 1.5)
     weight = ndimage.gaussian_filter(known.astype(np.float64), 1.5)
     residual = blurred / np.maximum(weight, 1e-6)
     points = drape.vertices @ pose[:3, :3].T + pose[:3, 3]
@@ -87,7 +96,7 @@ def nearest_state(
     """
     library = StateLibrary.of(simulator.cache, candidates[0].drape.mesh, fabric, scene)
     known = _distinct([*library.states(), *candidates])
-    scored = [(depth_rms(depth, picture_of(c.drape, scene)), n, c) for n, c in enumerate(known)]
+    scored = [(state_distance(depth, c.drape, scene), n, c) for n, c in enumerate(known)]
     best = min(scored)[2]
     name = scene.setup.scene.value
     near = max((enough or {}).get(best.key, 0.0), math.sqrt(noise_square(scene) + GOOD_ENOUGH_M[name] ** 2))
@@ -98,7 +107,7 @@ def nearest_state(
         led = simulator.led(start, fabric, scene, depth)
         if led.drape.ok:
             led = next((k for k in known if vertex_rms(k.drape, led.drape) < SAME_STATE_M), led)
-            scored.append((depth_rms(depth, picture_of(led.drape, scene)), len(scored), led))
+            scored.append((state_distance(depth, led.drape, scene), len(scored), led))
     usable = [entry for entry in scored if entry[2].drape.ok] or scored
     rms, _, best = min(usable)
     library.add(best)

@@ -24,10 +24,11 @@ from diagnosis.noise import NoiseModel
 from diagnosis.preparation import prepare_tasks
 from diagnosis.reference import cell_centres
 from diagnosis.refinement import look_again
+from diagnosis.refutation import judged
 from diagnosis.regions import region_gaps
 from diagnosis.repeats import pin_scatter
 from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport, StageName
-from diagnosis.shrinkage import Held, Judge, is_refuted, measure_shrinkage
+from diagnosis.shrinkage import Held, Judge, measure_shrinkage
 from diagnosis.shrinkage_report import complete
 from diagnosis.simulator import Cost, Simulator
 from diagnosis.subtract import pixels_without, without
@@ -196,12 +197,9 @@ class _Conclusion:
             return _pixels([r for r in results if r.task.id in fabrics], noise)
 
         judge = Judge(looks, self.workers)
-        measured = measure_shrinkage(cause, self.effects, blocks, pixels_of, self.model, judge)
-        if measured is not None and len(cause.named) == 2 and is_refuted(measured.shrinkage):
-            cause = cause.refuted()  # one of the two may be there
-            measured = measure_shrinkage(cause, self.effects, blocks, pixels_of, self.model, judge)
-        if measured is not None and is_refuted(measured.shrinkage):
-            cause, measured = cause.refuted(), None
+        cause, measured = judged(
+            cause, lambda c: measure_shrinkage(c, self.effects, blocks, pixels_of, self.model, judge)
+        )
         cost = _cost(results, looks)
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),

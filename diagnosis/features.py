@@ -11,11 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.level import panel_plane, without_plane
 from diagnosis.pixel_statistics import PIXEL_NAMES, pixel_statistics
 from diagnosis.reference import Reference
 
-PLANE_PIXELS = 8000
-"""About so many pixels of the panel are enough for its plane."""
 PLANE_NAMES = ("panel_offset", "panel_slope_x", "panel_slope_y")
 
 
@@ -44,15 +43,8 @@ def measure(depth: NDArray[np.float32], reference: Reference, *, with_pixels: bo
     """Measure a picture [m] taken by the reference's camera."""
     known = (depth > 0) & (reference.depth > 0)
     difference = np.where(known, depth.astype(np.float64) - reference.depth, 0.0)
-    rows, columns = np.linspace(-1, 1, depth.shape[0])[:, None], np.linspace(-1, 1, depth.shape[1])[None]
-    plane = np.full(3, np.nan)
-    panel = np.flatnonzero(reference.panel & known)
-    if len(panel) > 500:
-        panel = panel[:: max(1, len(panel) // PLANE_PIXELS)]
-        row, column = np.divmod(panel, depth.shape[1])
-        basis = np.stack([np.ones(len(panel)), columns[0, column], rows[row, 0]], axis=1)
-        plane = _robust_plane(basis, difference.ravel()[panel])
-        difference = difference - (plane[0] + plane[1] * columns + plane[2] * rows)
+    plane = panel_plane(difference, reference.panel & known)
+    difference = without_plane(difference, plane)
     inside = known & (reference.cell >= 0)
     cell = reference.cell[inside]
     weight = np.bincount(cell, minlength=reference.count).astype(np.float64)
@@ -60,17 +52,3 @@ def measure(depth: NDArray[np.float32], reference: Reference, *, with_pixels: bo
     shape = np.where(weight >= reference.least_pixels, total / np.maximum(weight, 1), np.nan)
     pixels = pixel_statistics(depth, reference) if with_pixels else np.full(len(PIXEL_NAMES), np.nan)
     return Features(shape, plane, pixels, weight)
-
-
-def _robust_plane(basis: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least squares without what lies beyond four spreads, twice."""
-    if not values.any():
-        return np.zeros(3)
-    keep = np.ones(len(values), dtype=bool)
-    for _ in range(2):
-        kept = basis[keep]
-        plane = np.linalg.lstsq(kept, values[keep], rcond=None)[0]
-        residual = values - basis @ plane
-        spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-6
-        keep = np.abs(residual) < 4 * spread
-    return np.asarray(plane)

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.base_state import depth_rms, noise_square, picture_of
+from diagnosis.base_state import nearest_state, noise_square, picture_of, state_distance
 from diagnosis.drape_cache import drape_key
-from diagnosis.effect import Effect
+from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import AS_NEAR_AS_BEFORE, AS_NEAR_M, BASE_JITTER, CaptureResult, FabricResult, see_state
 from diagnosis.features import measure
@@ -58,6 +58,7 @@ class FreshLook:
         begun: the first state that was found with some effects on, and its distance, by capture and names.
         sizes: at which an effect's outcome is known, by its name.
         coarse: responses as they were before any outcome bent them, by capture.
+        through: effects on the camera through which captures are held against simulations; none: as it is stated.
     """
 
     simulator: Simulator
@@ -66,10 +67,16 @@ class FreshLook:
     begun: dict[tuple[str, str], tuple[KeyedDrape, float]] = field(default_factory=dict)
     sizes: dict[str, list[Mapping[str, float]]] = field(default_factory=dict)
     coarse: dict[str, Responses] = field(default_factory=dict)
+    through: tuple[Sized, ...] = ()
 
     def scene_of(self, capture: CaptureResult) -> SimulationScene:
         """The simulation that should give a capture, without effects."""
         return next(c.scene for c in self.result.task.captures if c.id == capture.id)
+
+    def seen(self, capture: CaptureResult, effects: Sequence[Sized] = ()) -> SimulationScene:
+        """That with effects on, through the camera that fits where none of them says how it stands."""
+        stated = not any(get_effect(name).stage is Stage.CAMERA for name, _ in effects)
+        return with_effects(self.scene_of(capture), [*effects, *(self.through if stated else ())])
 
     def drape(
         self, capture: CaptureResult, effects: Sequence[Sized], fabric: FabricParameters | None = None
@@ -81,7 +88,7 @@ class FreshLook:
         and where it fits worse than without the effects, a sample is put up with them.
         """
         scene = self.scene_of(capture)
-        changed = with_effects(scene, effects)
+        changed = self.seen(capture, effects)
         best = capture.base
         if (changed.setup, changed.mechanics) != (scene.setup, scene.mechanics):
             best = self._nearest(capture, changed, " ".join(name for name, _ in effects))
@@ -99,7 +106,7 @@ class FreshLook:
             return known[capture.id][0]
 
         def distance(drape: KeyedDrape) -> float:
-            return depth_rms(depth, picture_of(drape.drape, changed)) if drape.drape.ok else math.inf
+            return state_distance(depth, drape.drape, changed) if drape.drape.ok else math.inf
 
         begun, reached = self.begun.get((capture.id, names), (capture.base, 0.0))
         first = self.simulator.proceed(begun, fabric, changed)
@@ -123,14 +130,14 @@ class FreshLook:
 
         It may only have helped the cloth over a ridge into folds that the search with the others missed.
         """
-        task, scene = self.result.task, with_effects(self.scene_of(capture), effects[:-1])
+        task, scene = self.result.task, self.seen(capture, effects[:-1])
         depth = next(c.depth for c in task.captures if c.id == capture.id)
         shown, known = self.drape(capture, effects), self.drape(capture, effects[:-1])
         left = self.simulator.proceed(shown, task.parameters, scene) if shown.drape.ok else shown
         if not left.drape.ok:
             return False
-        near = depth_rms(depth, picture_of(left.drape, scene))
-        if known.drape.ok and near >= NEARER * depth_rms(depth, picture_of(known.drape, scene)) - NEAR_MARGIN_M:
+        near = state_distance(depth, left.drape, scene)
+        if known.drape.ok and near >= NEARER * state_distance(depth, known.drape, scene) - NEAR_MARGIN_M:
             return False
         key = drape_key(capture.base.drape.mesh, task.parameters, scene.setup, scene.mechanics)
         self.found[key][capture.id] = (left, near)
@@ -174,10 +181,11 @@ def freshen(look: FreshLook, candidates: Sequence[Sized], scene: str) -> FabricR
     for name, size in candidates:
         look.sizes.setdefault(name, []).append(size)
     solved = [(name, size) for name, size in candidates if get_effect(name).moves_cloth]
+    cameras = [(name, size) for name, size in candidates if get_effect(name).stage is Stage.CAMERA]
     captures = []
     for capture in look.result.captures:
         if capture.scene == scene:
-            capture = _rebased(look, capture, solved)
+            capture = _rebased(look, _seen_through(look, capture, cameras), solved)
         names = [n for n in look.sizes if capture.scene == scene or not get_effect(n).moves_cloth]
         captures.append(replace(capture, responses=bent(look, capture, names)))
     return replace(look.result, captures=tuple(captures))
@@ -188,22 +196,48 @@ def _rebased(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized
 
     An effect may only help the cloth over a ridge into folds that the capture shows and the first search missed.
     """
-    task, scene = look.result.task, look.scene_of(capture)
+    task, scene = look.result.task, look.seen(capture)
     depth = next(c.depth for c in task.captures if c.id == capture.id)
     best, near = capture.base, NEARER * capture.rms_m - NEAR_MARGIN_M
     for candidate in candidates:
         shown = look.drape(capture, [candidate])
         left = look.simulator.proceed(shown, task.parameters, scene) if shown.drape.ok else shown
-        if left.drape.ok and depth_rms(depth, picture_of(left.drape, scene)) < near:
-            best, near = left, depth_rms(depth, picture_of(left.drape, scene))
+        if left.drape.ok and state_distance(depth, left.drape, scene) < near:
+            best, near = left, state_distance(depth, left.drape, scene)
     if best is capture.base:
         return capture
     StateLibrary.of(look.simulator.cache, best.drape.mesh, task.parameters, scene).add(best)
-    seen = see_state(look.simulator, task, scene, best)
+    return at_state(look, capture, best, near)
+
+
+def _seen_through(look: FreshLook, capture: CaptureResult, cameras: Sequence[Sized]) -> CaptureResult:
+    """From the state that is nearest through a camera that stands where an effect on it says, if it is nearer so.
+
+    Through the stated camera a capture may look like other folds than it shows. Its distance is then measured through
+    the camera that fits.
+    """
+    task, scene = look.result.task, look.scene_of(capture)
+    depth = next(c.depth for c in task.captures if c.id == capture.id)
+    for camera in cameras:
+        changed = with_effects(scene, [camera])
+        near = min(capture.rms_m, state_distance(depth, capture.base.drape, changed))
+        found, reached = nearest_state(look.simulator, task.parameters, changed, depth, [capture.base])
+        if found.drape.ok and reached < NEARER * near - NEAR_MARGIN_M:
+            capture = at_state(look, capture, found, reached)
+        else:
+            capture = replace(capture, rms_m=near)
+    return capture
+
+
+def at_state(look: FreshLook, capture: CaptureResult, state: KeyedDrape, near: float) -> CaptureResult:
+    """A capture measured from another state, which is so near to it [m]."""
+    task, scene = look.result.task, look.scene_of(capture)
+    depth = next(c.depth for c in task.captures if c.id == capture.id)
+    seen = see_state(look.simulator, task, scene, state)
     look.coarse[capture.id] = seen.responses
     return replace(
         capture,
-        base=best,
+        base=state,
         reference=seen.reference,
         responses=seen.responses,
         warps=seen.warps,

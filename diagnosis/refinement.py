@@ -58,16 +58,22 @@ def look_again(
             break
         for name, size in wanted:
             seen.setdefault(name, []).append(size)
-        again = workers.map(partial(_looked_again, wanted=wanted, scene=scene), list(now.values()))
+        through = () if first is None or not _moves_the_camera(first) else ((first, cause.evidence[first].size),)
+        again = workers.map(partial(_looked_again, wanted=wanted, scene=scene, through=through), list(now.values()))
         now = dict(zip(now, again, strict=True))
     return now
 
 
-def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str) -> FreshLook:
+def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str, through: tuple[Sized, ...]) -> FreshLook:
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
 
     with threadpool_limits(1):
+        look = replace(look, through=through)
         return replace(look, result=freshen(look, wanted, scene))
+
+
+def _moves_the_camera(name: str) -> bool:
+    return get_effect(name).stage is Stage.CAMERA
 
 
 def leader(cause: Cause) -> str | None:
@@ -88,7 +94,7 @@ def candidates(cause: Cause) -> list[Sized]:
         key=lambda e: -e.usual_evidence,
     )
     solved: list[Sized] = [(e.name, e.usual) for e in near if is_mechanical(get_effect(e.name))]
-    rendered: list[Sized] = [(e.name, e.usual) for e in near if get_effect(e.name).stage is Stage.CAMERA]
+    rendered: list[Sized] = [(e.name, e.usual) for e in near if _moves_the_camera(e.name)]
     return solved[:CANDIDATES] + rendered
 
 

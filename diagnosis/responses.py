@@ -33,7 +33,7 @@ COARSE_TOO_FAR_M = 0.004
 """A coarse state further from its fine origin than this fell into other folds and is not used."""
 BORROW_M = {"hanging": 0.006, "stretch": 0.001}
 """Responses of a state that is nearer than this serve too."""
-ENOUGH_STATES = {"hanging": 3, "stretch": 6}
+ENOUGH_STATES = {"hanging": 3, "stretch": 12}
 """Where so many states of a fabric have responses, the nearest one's serve whatever the distance."""
 
 

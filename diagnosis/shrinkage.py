@@ -26,8 +26,6 @@ from diagnosis.workers import ALONE, Workers
 Array = NDArray[np.float64]
 PLAIN = 3.0
 """Standard deviations beyond which a shared number shows an effect."""
-WORSE = -0.25
-"""An effect that closes less than this share of the gap is none of it: of six in 300 sealed cases five were wrong."""
 DRAWS = 400
 PixelsOf = Callable[[Set[str]], PixelBlock]
 
@@ -227,11 +225,6 @@ def measure_shrinkage(
             shown += [hold_out(block, sized(found), rival, judge) for block in judged if block.fabric == held]
     rows += [one.squares for one in shown]
     return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, bool(judge.looks)), tuple(shown))
-
-
-def is_refuted(shrinkage: Shrinkage) -> bool:
-    """Simulated afresh on fabrics that had no part in finding it, the effect plainly takes the simulation away."""
-    return shrinkage.simulated_afresh and shrinkage.fraction < WORSE
 
 
 def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:

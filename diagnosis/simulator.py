@@ -108,7 +108,8 @@ class Simulator:
 
         mesh = start.drape.mesh
         plain = drape_key(mesh, fabric, scene.setup, scene.mechanics, start=start.key)
-        key = content_key(plain=plain, depth=depth, pose=scene.pose, camera=scene.camera, springs=SPRINGS_PER_M)
+        shown = {"depth": depth, "pose": scene.pose, "camera": scene.camera, "levelled": True}
+        key = content_key(plain=plain, springs=SPRINGS_PER_M, **shown)
         cached = self._cached(key, mesh)
         if cached is not None:
             return cached

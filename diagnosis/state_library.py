@@ -16,7 +16,7 @@ from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 
 SAME_STATE_M = 0.0002
-MOST_STATES = 12
+MOST_STATES = 24
 
 
 def vertex_rms(a: Drape, b: Drape) -> float:

@@ -6,8 +6,9 @@ import pytest
 
 from diagnosis.cause import Cause, Pair
 from diagnosis.evidence import Evidence
+from diagnosis.refutation import NEEDED, WORSE, is_needless, is_refuted, judged
 from diagnosis.report import Shrinkage
-from diagnosis.shrinkage import WORSE, is_refuted
+from diagnosis.shrinkage import Measured
 
 
 def shrinkage(fraction: float, high: float, *, afresh: bool = True) -> Shrinkage:
@@ -38,9 +39,9 @@ def test_known_responses_alone_refute_nothing() -> None:
     assert not is_refuted(shrinkage(-1.0, 0.0, afresh=False))
 
 
-def two_effects(unknown: float) -> Cause:
+def two_effects(unknown: float, first: str = "edge_flying_pixels") -> Cause:
     """Two effects together 0.9 probable; alone, the first of them, or something unknown."""
-    first, second = "edge_flying_pixels", "stretch_stiffening"
+    second = "stretch_stiffening"
     evidence = {name: Evidence(name, 0.0, 0.0, {}, {}, {}, 0.0, {}) for name in (first, second, "none", "unknown")}
     alone = {first: 0.1 - unknown - 1e-9, second: 0.0, "none": 1e-9, "unknown": unknown}
     together = {**alone, first: alone[first] + 0.45, second: 0.45}
@@ -62,3 +63,45 @@ def test_two_effects_that_are_refuted_leave_one_of_them_where_it_explains_alone(
 
 def test_two_effects_that_are_refuted_leave_nothing_named_where_neither_explains_alone() -> None:
     assert two_effects(unknown=0.09).refuted().top == "unknown"
+
+
+def left(after: float, *, afresh: bool = True) -> Shrinkage:
+    """What remains of 4 mm."""
+    return shrinkage(0.5, 1.0, afresh=afresh).model_copy(update={"before": 4.0, "after": after})
+
+
+def test_a_second_effect_is_needless_where_held_out_captures_are_no_nearer_with_it() -> None:
+    assert is_needless(left(1.42), left(1.43))
+    assert not is_needless(left(0.9 * NEEDED), left(1.0))
+    assert not is_needless(left(1.42, afresh=False), left(1.43))
+    assert not is_needless(left(1.42), left(1.43, afresh=False))
+
+
+@pytest.mark.parametrize(
+    ("first", "with_both", "named"),
+    [
+        ("pin_spacing", 1.42, ("pin_spacing",)),
+        ("pin_spacing", 0.6, ("pin_spacing", "stretch_stiffening")),
+        ("edge_flying_pixels", 1.42, ("edge_flying_pixels", "stretch_stiffening")),
+    ],
+)
+def test_of_two_effects_on_the_cloth_the_needless_one_goes(
+    first: str, with_both: float, named: tuple[str, ...]
+) -> None:
+    """What pixels change shows in no shape: there the second effect is not judged so."""
+
+    def measure(cause: Cause) -> Measured:
+        return Measured(left(with_both if len(cause.named) == 2 else 1.43), ())
+
+    cause, measured = judged(two_effects(unknown=0.02, first=first), measure)
+    assert cause.named == named
+    assert measured is not None
+    assert measured.shrinkage.after == (with_both if len(named) == 2 else 1.43)
+
+
+def test_what_is_named_nowhere_has_no_shrinkage() -> None:
+    cause = two_effects(unknown=0.02)
+    assert judged(cause, lambda _: None) == (cause, None)
+    refuted, measured = judged(cause, lambda _: Measured(shrinkage(-1.0, 1.0), ()))
+    assert measured is None
+    assert refuted.top == "unknown"

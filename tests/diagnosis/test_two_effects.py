@@ -203,8 +203,7 @@ def test_what_the_second_effect_leaves_behind_is_the_firsts_where_it_is_nearer(
         def drape(self, capture: Any, effects: Any, fabric: Any = None) -> Any:
             return state(0.5) if len(effects) == 2 else state(3.0)
 
-    monkeypatch.setattr(fresh, "picture_of", lambda drape, scene: drape)
-    monkeypatch.setattr(fresh, "depth_rms", lambda depth, drape: drape.distance)
+    monkeypatch.setattr(fresh, "state_distance", lambda depth, drape, scene: drape.distance)
     monkeypatch.setattr(fresh, "drape_key", lambda *what: "first alone")
     seen = SimpleNamespace(id="seen", depth=None, scene=SimulationScene(Setup.nominal("stretch")))
     left = state(left_mm, ok=ok)

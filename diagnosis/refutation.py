@@ -1,0 +1,48 @@
+"""What captures that had no part in finding effects say against them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from diagnosis.cause import Cause
+from diagnosis.effects import get_effect
+from diagnosis.fresh import is_mechanical
+from diagnosis.report import Shrinkage
+from diagnosis.shrinkage import Measured
+
+WORSE = -0.25
+"""An effect that closes less than this share of the gap is none of it: of six in 300 sealed cases five were wrong."""
+NEEDED = 0.95
+"""A second effect leaves less than this share of what the first alone leaves, or it is not needed."""
+Measure = Callable[[Cause], Measured | None]
+"""How far the gap shrinks with what is named."""
+
+
+def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
+    """What held-out captures leave of a cause, with the shrinkage by what is then named.
+
+    Effects that take simulations away from captures are refuted; of two together, one may stay. A second effect on the
+    cloth with which the simulations come hardly nearer than with the first alone is refuted too.
+    """
+    measured = measure(cause)
+    if measured is not None and len(cause.named) == 2:
+        single = cause.refuted()
+        if is_refuted(measured.shrinkage):
+            cause, measured = single, measure(single)
+        elif set(single.named) & set(cause.named) and all(is_mechanical(get_effect(n)) for n in cause.named):
+            alone = measure(single)
+            if alone is not None and is_needless(measured.shrinkage, alone.shrinkage):
+                cause, measured = single, alone
+    if measured is not None and is_refuted(measured.shrinkage):
+        cause, measured = cause.refuted(), None
+    return cause, measured
+
+
+def is_refuted(shrinkage: Shrinkage) -> bool:
+    """Simulated afresh on fabrics that had no part in finding it, the effect plainly takes the simulation away."""
+    return shrinkage.simulated_afresh and shrinkage.fraction < WORSE
+
+
+def is_needless(together: Shrinkage, alone: Shrinkage) -> bool:
+    """Simulated afresh on held-out captures, two effects leave about as much as one of them."""
+    return together.simulated_afresh and alone.simulated_afresh and together.after > NEEDED * alone.after
