@@ -51,12 +51,10 @@ def without_plane(difference: Array, plane: Array) -> Array:
 def levelled(depth: NDArray[np.float32], picture: NDArray[np.float32], scene: SimulationScene) -> Array:
     """How a capture differs from a scene's simulated picture, the panel's plane taken out [m], [H, W].
 
-    NaN where one of the two shows nothing. Without a panel it is the plain difference.
+    NaN where one of the two shows nothing. Where no panel is seen it is the plain difference.
     """
     known = (depth > 0) & (picture > 0)
     difference = np.where(known, depth.astype(np.float64) - picture, np.nan)
-    if not scene.setup.panel:
-        return difference
     panel = known & (picture == panel_depth(scene.camera, scene.camera_from_panel))
     return without_plane(difference, panel_plane(difference, panel))
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from diagnosis.drape_cache import DrapeCache, content_key, drape_key
 from diagnosis.scene import SimulationScene
+from diagnosis.version import LED_VERSION
 from simcore.drape import Drape, DrapeStatus
 from simcore.mechanics import NO_JITTER, Jitter
 from simcore.mesh import GridMesh
@@ -108,8 +109,8 @@ class Simulator:
 
         mesh = start.drape.mesh
         plain = drape_key(mesh, fabric, scene.setup, scene.mechanics, start=start.key)
-        shown = {"depth": depth, "pose": scene.pose, "camera": scene.camera, "levelled": True}
-        key = content_key(plain=plain, springs=SPRINGS_PER_M, **shown)
+        how = {"springs": SPRINGS_PER_M, "led": LED_VERSION}
+        key = content_key(plain=plain, depth=depth, pose=scene.pose, camera=scene.camera, **how)
         cached = self._cached(key, mesh)
         if cached is not None:
             return cached

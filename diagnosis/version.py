@@ -7,3 +7,5 @@ RESPONSES_VERSION = 2
 """Raised when what is measured on a simulated picture changes."""
 PIXELS_VERSION = 5
 """The same of pixel statistics."""
+LED_VERSION = 2
+"""Raised when captures lead the solver otherwise than before."""

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from diagnosis import refinement
 from diagnosis.base_state import nearest_state, picture_of, state_distance, warp_to_picture
+from diagnosis.cause import Cause
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import get_effect
+from diagnosis.evidence import Evidence
 from diagnosis.fabric_task import BASE_JITTER, CaptureTask, FabricTask, explain_fabric
-from diagnosis.fresh import FreshLook, at_state, freshen
+from diagnosis.fresh import FreshLook, at_state, freshen, with_effects
 from diagnosis.level import levelled, panel_plane, without_plane
+from diagnosis.refinement import look_again
 from diagnosis.scene import SimulationScene
 from diagnosis.simulator import KeyedDrape, Simulator
 from simcore.mesh import GridMesh
@@ -24,6 +30,8 @@ Depth = NDArray[np.float32]
 FABRIC = FabricParameters(1000.0, 800.0, 300.0, 2e-5, 2e-5, 2e-5, 0.2)
 SCENE = SimulationScene(Setup.nominal("stretch"))
 ROTATED = {"rx": 0.4, "ry": -0.9, "rz": 0.8}
+ROTATION = ("camera_rotation", ROTATED)
+MOVED = get_effect("camera_rotation").apply(SCENE, ROTATED)
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +57,12 @@ def test_an_offset_and_a_slope_of_the_whole_picture_are_taken_out_and_the_cloths
     changed = picture.copy()
     middle = (slice(picture.shape[0] // 2, picture.shape[0] // 2 + 9), slice(picture.shape[1] // 2, None, 40))
     changed[middle] += 0.02
-    left = levelled(tilted(changed), picture, SCENE)
-    np.testing.assert_allclose(left, changed - picture, atol=2e-6)
-    assert np.abs(left).max() > 0.019
+    depth = tilted(changed)
+    depth[3:9] = 0.0
+    left = levelled(depth, picture, SCENE)
+    np.testing.assert_allclose(left[depth > 0], (changed - picture)[depth > 0], atol=2e-6)
+    assert np.isnan(left[depth == 0]).all()
+    assert np.nanmax(np.abs(left)) > 0.019
 
 
 def test_cloth_before_the_panel_in_one_of_the_two_does_not_tilt_the_plane(drape: KeyedDrape) -> None:
@@ -78,7 +89,7 @@ def test_without_a_panel_or_too_little_of_it_nothing_is_taken_out(drape: KeyedDr
 def test_the_fold_state_that_a_capture_shows_does_not_depend_on_where_its_picture_lies(
     simulator: Simulator, drape: KeyedDrape
 ) -> None:
-    other = simulator.put_up(GridMesh(0.02), FABRIC, SCENE, 1, BASE_JITTER)
+    other = other_state(simulator)
     for shown in (drape, other):
         depth = tilted(picture_of(shown.drape, SCENE))
         assert state_distance(depth, shown.drape, SCENE) < 1e-6
@@ -91,24 +102,107 @@ def test_the_fold_state_that_a_capture_shows_does_not_depend_on_where_its_pictur
         assert simulator.cost.simulations == solved
 
 
-def test_folds_are_looked_for_through_a_camera_that_stands_elsewhere(
-    simulator: Simulator, shelf: DrapeCache, drape: KeyedDrape
-) -> None:
-    other = simulator.put_up(GridMesh(0.02), FABRIC, SCENE, 1, BASE_JITTER)
-    rotation = ("camera_rotation", ROTATED)
-    moved = get_effect(rotation[0]).apply(SCENE, ROTATED)
-    depth = picture_of(other.drape, moved)
+def test_a_capture_leads_to_its_folds_wherever_its_picture_lies(tmp_path: Path) -> None:
+    """Nothing is known beforehand but another state."""
+    simulator = Simulator(DrapeCache(tmp_path))
+    start = simulator.put_up(GridMesh(0.02), FABRIC, SCENE, 0, BASE_JITTER)
+    shown = other_state(simulator)
+    depth = tilted(picture_of(shown.drape, SCENE))
+    found, near = nearest_state(simulator, FABRIC, SCENE, depth, [start])
+    assert found.key != start.key
+    assert near == pytest.approx(state_distance(depth, found.drape, SCENE))
+    assert near < 0.5 * state_distance(depth, start.drape, SCENE)
+
+
+@pytest.fixture
+def look(simulator: Simulator, shelf: DrapeCache, drape: KeyedDrape) -> FreshLook:
+    """A capture of another fold state through a camera that was turned, explained from a wrong state."""
+    depth = picture_of(other_state(simulator).drape, MOVED)
     task = CaptureTask("c", 0, depth, SCENE, sensor_known=True)
-    fabric = FabricTask("f", FABRIC, (0.07,) * 7, (task,), ("camera_rotation",), 0.02)
-    first = explain_fabric(fabric, shelf)
-    look = FreshLook(simulator, first)
-    start = at_state(look, first.captures[0], drape, state_distance(depth, drape.drape, SCENE))
-    look.result = replace(first, captures=(start,))
-    assert look.seen(start) == SCENE
-    assert look.seen(start, [rotation]) == moved
-    (found,) = freshen(look, [rotation], "stretch").captures
-    assert state_distance(depth, found.base.drape, moved) < 0.5 * state_distance(depth, drape.drape, moved)
-    assert found.rms_m == pytest.approx(state_distance(depth, found.base.drape, moved))
-    look.through = (rotation,)
-    assert look.seen(start) == moved
-    assert look.seen(start, [rotation]) == moved
+    fabric = FabricTask("f", FABRIC, (0.07,) * 7, (task,), ("camera_rotation", "pin_spacing"), 0.02)
+    look = FreshLook(simulator, explain_fabric(fabric, shelf))
+    wrong = at_state(look, look.result.captures[0], drape, state_distance(depth, drape.drape, SCENE))
+    look.result = replace(look.result, captures=(wrong,))
+    return look
+
+
+def other_state(simulator: Simulator) -> KeyedDrape:
+    return simulator.put_up(GridMesh(0.02), FABRIC, SCENE, 1, BASE_JITTER)
+
+
+def test_folds_are_looked_for_through_a_camera_that_stands_elsewhere(look: FreshLook, drape: KeyedDrape) -> None:
+    depth = look.result.task.captures[0].depth
+    (found,) = freshen(look, [ROTATION], "stretch").captures
+    assert state_distance(depth, found.base.drape, MOVED) < 0.5 * state_distance(depth, drape.drape, MOVED)
+    assert found.rms_m == pytest.approx(state_distance(depth, found.base.drape, MOVED))
+
+
+def test_a_state_that_was_found_stays_and_its_distance_is_that_through_the_camera(
+    look: FreshLook, simulator: Simulator
+) -> None:
+    shown, depth = other_state(simulator), look.result.task.captures[0].depth
+    right = at_state(look, look.result.captures[0], shown, state_distance(depth, shown.drape, SCENE))
+    assert right.rms_m > 3e-4
+    look.result = replace(look.result, captures=(right,))
+    (found,) = freshen(look, [ROTATION], "stretch").captures
+    assert found.base is shown
+    assert found.rms_m < 1e-6
+
+
+def test_the_camera_that_fits_is_looked_through_unless_an_effect_says_how_it_stands(look: FreshLook) -> None:
+    (capture,) = look.result.captures
+    assert look.seen(capture) == SCENE
+    assert look.seen(capture, [ROTATION]) == MOVED
+    look.through = (ROTATION,)
+    assert look.seen(capture) == MOVED
+    assert look.seen(capture, [ROTATION]) == MOVED
+    closer = ("pin_spacing", {"magnitude": -0.006})
+    assert look.seen(capture, [closer]).setup == with_effects(SCENE, [closer]).setup
+    assert look.seen(capture, [closer]).pose == MOVED.pose
+
+
+def test_what_is_simulated_beside_a_moved_camera_is_held_against_the_capture_through_it(
+    look: FreshLook, simulator: Simulator, drape: KeyedDrape
+) -> None:
+    closer = ("pin_spacing", {"magnitude": -0.006})
+    changed = with_effects(SCENE, [closer])
+    shown = simulator.proceed(drape, FABRIC, changed)
+    (capture,) = look.result.captures
+    (task,) = look.result.task.captures
+    depth = picture_of(shown.drape, replace(changed, pose=MOVED.pose))
+    look.result = replace(look.result, task=replace(look.result.task, captures=(replace(task, depth=depth),)))
+    look.through = (ROTATION,)
+    assert look.drape(capture, [closer]).key == shown.key
+    ((_, near),) = [known["c"] for known in look.found.values()]
+    assert near < 1e-6
+
+
+def test_a_state_that_an_effect_leaves_behind_is_judged_through_the_camera_that_fits(
+    look: FreshLook, simulator: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = other_state(simulator)
+    monkeypatch.setattr(FreshLook, "drape", lambda *_: shown)
+    (capture,) = look.result.captures
+    through_the_stated = state_distance(look.result.task.captures[0].depth, shown.drape, SCENE)
+    look.result = replace(look.result, captures=(replace(capture, rms_m=0.9 * through_the_stated),))
+    closer = ("pin_spacing", {"magnitude": -0.006})
+    assert freshen(look, [closer], "stretch").captures[0].base is capture.base
+    look.through = (ROTATION,)
+    (found,) = freshen(look, [closer], "stretch").captures
+    assert found.rms_m < 0.5 * through_the_stated
+
+
+def test_a_camera_that_leads_is_looked_through_in_the_second_look(
+    look: FreshLook, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def evidence(name: str, value: float, size: dict[str, float]) -> Evidence:
+        return Evidence(name, value, value, {"f": value}, size, size, value, {})
+
+    def weigh(results: Any, beside: Any) -> Cause:
+        known = {"none": evidence("none", 0.0, {}), "camera_rotation": evidence("camera_rotation", 9.0, ROTATED)}
+        return Cause({"none": 0.0, "camera_rotation": 1.0}, known, 9.0)
+
+    monkeypatch.setattr(refinement, "freshen", lambda look, wanted, scene: look.result)
+    assert look_again({"f": look}, weigh, "stretch")["f"].through == (ROTATION,)
+    monkeypatch.setattr(refinement, "leader", lambda cause: None)
+    assert look_again({"f": look}, weigh, "stretch")["f"].through == ()

@@ -203,13 +203,19 @@ def test_what_the_second_effect_leaves_behind_is_the_firsts_where_it_is_nearer(
         def drape(self, capture: Any, effects: Any, fabric: Any = None) -> Any:
             return state(0.5) if len(effects) == 2 else state(3.0)
 
-    monkeypatch.setattr(fresh, "state_distance", lambda depth, drape, scene: drape.distance)
+    turned = ("camera_rotation", {"rx": 0.0, "ry": 1.0, "rz": 0.0})
+
+    def distance(depth: Any, drape: Any, scene: SimulationScene) -> float:
+        assert scene.pose == get_effect(turned[0]).apply(seen.scene, turned[1]).pose
+        return float(drape.distance)
+
+    monkeypatch.setattr(fresh, "state_distance", distance)
     monkeypatch.setattr(fresh, "drape_key", lambda *what: "first alone")
     seen = SimpleNamespace(id="seen", depth=None, scene=SimulationScene(Setup.nominal("stretch")))
     left = state(left_mm, ok=ok)
     simulator: Any = SimpleNamespace(proceed=lambda start, fabric, scene: left)
     result: Any = SimpleNamespace(task=SimpleNamespace(captures=[seen], parameters=None))
-    look = Look(simulator, result, found={"first alone": {}})
+    look = Look(simulator, result, found={"first alone": {}}, through=(turned,))
     capture: Any = SimpleNamespace(id="seen", base=state(4.0))
     assert look.without_last(capture, [("air_draft", DRAFT), ("crease", CREASE)]) is nearer
     assert look.found["first alone"] == ({"seen": (left, 0.001)} if nearer else {})
