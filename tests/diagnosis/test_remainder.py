@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence
 from diagnosis.features import PLANE_NAMES
+from diagnosis.fresh import FreshLook
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.reference import CELLS, cell_centres
 from diagnosis.remainder import Mixture
@@ -229,9 +229,9 @@ def test_shared_numbers_that_contradict_an_effect_speak_for_something_unknown() 
 def test_a_weaker_effect_beside_a_strong_one_is_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
     looked: list[str] = []
 
-    def freshen(look: Any, wanted: Sequence[tuple[str, Any]], scene: str) -> str:
+    def freshen(look: Any, wanted: Sequence[tuple[str, Any]], scene: str) -> Any:
         looked.extend(name for name, _ in wanted)
-        return str(look.result)
+        return look.result
 
     def weigh(results: Sequence[Any], beside: Any) -> Cause:
         strong, weak = (40.0, 1.0) if beside is None else (0.0, 1.0)
@@ -247,8 +247,8 @@ def test_a_weaker_effect_beside_a_strong_one_is_looked_at_too(monkeypatch: pytes
         return Cause({name: float(name == top) for name in evidence}, evidence, strong)
 
     monkeypatch.setattr(refinement, "freshen", freshen)
-    monkeypatch.setattr(refinement, "replace", lambda look, result: SimpleNamespace(result=result))
-    refinement.look_again({"f1": SimpleNamespace(result="captures")}, weigh, "stretch")  # type: ignore[dict-item]
+    nothing: Any = None
+    refinement.look_again({"f1": FreshLook(nothing, nothing)}, weigh, "stretch")
     assert looked == ["off_grain"]
 
 
