@@ -47,6 +47,11 @@ def is_mechanical(effect: Effect) -> bool:
     return effect.moves_cloth and not effect.holds
 
 
+def moves_camera(name: str) -> bool:
+    """The effect says that the camera stands elsewhere than stated."""
+    return get_effect(name).stage is Stage.CAMERA
+
+
 @dataclass
 class FreshLook:
     """Simulates effects from the states of one fabric's captures.
@@ -75,7 +80,7 @@ class FreshLook:
 
     def seen(self, capture: CaptureResult, effects: Sequence[Sized] = ()) -> SimulationScene:
         """That with effects on, through the camera that fits where none of them says how it stands."""
-        stated = not any(get_effect(name).stage is Stage.CAMERA for name, _ in effects)
+        stated = not any(moves_camera(name) for name, _ in effects)
         return with_effects(self.scene_of(capture), [*effects, *(self.through if stated else ())])
 
     def drape(
@@ -181,7 +186,7 @@ def freshen(look: FreshLook, candidates: Sequence[Sized], scene: str) -> FabricR
     for name, size in candidates:
         look.sizes.setdefault(name, []).append(size)
     solved = [(name, size) for name, size in candidates if get_effect(name).moves_cloth]
-    cameras = [(name, size) for name, size in candidates if get_effect(name).stage is Stage.CAMERA]
+    cameras = [(name, size) for name, size in candidates if moves_camera(name)]
     captures = []
     for capture in look.result.captures:
         if capture.scene == scene:

@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from diagnosis.cause import Cause
-from diagnosis.effect import Effect, Stage
+from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import FabricResult
-from diagnosis.fresh import FreshLook, Sized, freshen, is_mechanical
+from diagnosis.fresh import FreshLook, Sized, freshen, is_mechanical, moves_camera
 from diagnosis.workers import ALONE, Workers
 
 ROUNDS = 2
@@ -58,7 +58,7 @@ def look_again(
             break
         for name, size in wanted:
             seen.setdefault(name, []).append(size)
-        through = () if first is None or not _moves_the_camera(first) else ((first, cause.evidence[first].size),)
+        through = () if first is None or not moves_camera(first) else ((first, cause.evidence[first].size),)
         again = workers.map(partial(_looked_again, wanted=wanted, scene=scene, through=through), list(now.values()))
         now = dict(zip(now, again, strict=True))
     return now
@@ -70,10 +70,6 @@ def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str, through:
     with threadpool_limits(1):
         look = replace(look, through=through)
         return replace(look, result=freshen(look, wanted, scene))
-
-
-def _moves_the_camera(name: str) -> bool:
-    return get_effect(name).stage is Stage.CAMERA
 
 
 def leader(cause: Cause) -> str | None:
@@ -94,7 +90,7 @@ def candidates(cause: Cause) -> list[Sized]:
         key=lambda e: -e.usual_evidence,
     )
     solved: list[Sized] = [(e.name, e.usual) for e in near if is_mechanical(get_effect(e.name))]
-    rendered: list[Sized] = [(e.name, e.usual) for e in near if _moves_the_camera(e.name)]
+    rendered: list[Sized] = [(e.name, e.usual) for e in near if moves_camera(e.name)]
     return solved[:CANDIDATES] + rendered
 
 
