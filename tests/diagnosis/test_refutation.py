@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 from diagnosis.cause import Cause, Pair
@@ -105,3 +107,18 @@ def test_what_is_named_nowhere_has_no_shrinkage() -> None:
     refuted, measured = judged(cause, lambda _: Measured(shrinkage(-1.0, 1.0), ()))
     assert measured is None
     assert refuted.top == "unknown"
+
+
+def test_two_effects_do_not_give_way_to_a_third() -> None:
+    cause = two_effects(unknown=0.02, first="pin_spacing")
+    third = dataclasses.replace(cause.evidence["none"], name="off_grain")
+    alone = {**cause.alone, "off_grain": 0.09, "pin_spacing": 0.01 - 2e-9}
+    cause = dataclasses.replace(
+        cause,
+        evidence={**cause.evidence, "off_grain": third},
+        alone=alone,
+        probabilities={**cause.probabilities, "off_grain": 0.09, "pin_spacing": 0.46},
+    )
+    assert cause.refuted().named == ("off_grain",)
+    kept, _ = judged(cause, lambda c: Measured(left(1.42 if len(c.named) == 2 else 1.43), ()))
+    assert kept is cause
