@@ -14,6 +14,7 @@ from capture.documents import FabricDocument, SensorDocument
 from capture.normalise import NetworkInput
 from capture.prepare import PreparedCapture, prepare_all
 from diagnosis.fabric_task import CaptureTask, FabricTask, relative_sigma
+from diagnosis.meshing import cell_size, on_cells
 from diagnosis.scene import SimulationScene, pose_rows
 from renderer.sensor import SensorModel
 from simcore.errors import InputError
@@ -51,21 +52,21 @@ def prepare_tasks(
         if not own:
             continue
         parameters, sigma = _parameters(fabric, [prepared[c.id] for c in own], assumed)
+        cell = cell_size(own[0].setup.sample_size_m, resolution_m)
         items = []
         for capture in own:
             ready = prepared[capture.id]
             scene = SimulationScene(
-                capture.setup,
+                on_cells(capture.setup, cell),
                 camera=capture.camera,
                 pose=pose_rows(ready.registration.camera_from_panel),
-                sensor=sensor_model(capture.sensor),
+                sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m),
             )
             depth = ready.depth if capture.setup.panel else np.where(ready.region.mask, ready.depth, np.float32(0.0))
             posed = capture.camera_from_panel is not None
             items.append(CaptureTask(capture.id, capture.repeat, depth, scene, _sensor_known(capture), posed))
-        tasks.append(
-            FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), _resolution(own[0], resolution_m))
-        )
+        assumed += _recut(fabric_id, own, items)
+        tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
     if any(c.camera_from_panel is None for c in captures.captures):
         assumed.append("the camera's pose was found in the pictures: errors of pose and axial sensor errors are hidden")
     if not all(_sensor_known(c) for c in captures.captures):
@@ -73,15 +74,29 @@ def prepare_tasks(
     return tasks, assumed
 
 
-def sensor_model(document: SensorDocument | None) -> SensorModel:
-    """The sensor as stated; ideal where nothing is."""
+def sensor_model(document: SensorDocument | None, depth_unit_m: float) -> SensorModel:
+    """The sensor as stated, its steps no finer than those in which pictures are kept; ideal where nothing is stated."""
     if document is None:
         return SensorModel()
     return SensorModel(
         range_noise_m=document.range_noise_m or 0.0,
         at_m=document.at_m or 0.9,
-        quantisation_m=document.quantisation_m or 0.0,
+        quantisation_m=max(document.quantisation_m or 0.0, depth_unit_m),
     )
+
+
+def _recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureTask]) -> list[str]:
+    """In words, samples that are simulated in another size, as whole cells want it."""
+    changed = {
+        (*capture.setup.sample_size_m, *task.scene.setup.sample_size_m): None
+        for capture, task in zip(captures, tasks, strict=True)
+        if capture.setup.sample_size_m != task.scene.setup.sample_size_m
+    }
+    return [
+        f"fabric {fabric_id}: the sample of {1e3 * a:.4g} x {1e3 * b:.4g} mm is simulated as "
+        f"{1e3 * c:.4g} x {1e3 * d:.4g} mm, in whole cells"
+        for a, b, c, d in changed
+    ]
 
 
 def _sensor_known(capture: Capture) -> bool:
@@ -125,23 +140,3 @@ def _inputs(prepared: Sequence[PreparedCapture]) -> dict[Scene | str, list[Netwo
     for item in prepared:
         inputs.setdefault(item.capture.scene, []).append(item.network_input)
     return inputs
-
-
-def _resolution(capture: Capture, wanted_m: float) -> float:
-    """The cell that divides the sample and is nearest to what is wanted.
-
-    Raises:
-        InputError: no cell between half and twice that divides both edges.
-    """
-    width, height = capture.setup.sample_size_m
-    for cells in sorted(range(4, 400), key=lambda n: abs(width / n - wanted_m)):
-        size = width / cells
-        if not 0.5 * wanted_m <= size <= 2 * wanted_m:
-            break
-        rows = height / size
-        if abs(rows - round(rows)) < 1e-6 and size >= 1e-3:
-            return size
-    raise InputError(
-        f"no mesh of about {wanted_m} m divides a sample of {width:g} x {height:g} m: choose another resolution",
-        code="resolution_does_not_divide",
-    )

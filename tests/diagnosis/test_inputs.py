@@ -42,18 +42,6 @@ def test_a_catalogue_of_nothing_is_refused() -> None:
     assert caught.value.code == "no_effects"
 
 
-def test_a_mesh_that_does_not_divide_the_sample_is_refused(make_set: MakeSet) -> None:
-    captures = make_set()
-    setup = captures.document.setup
-    assert setup is not None
-    odd = captures.document.model_copy(
-        update={"setup": setup.model_copy(update={"sample_size_m": (0.5, 0.3333), "pins_m": None})}
-    )
-    with pytest.raises(InputError) as caught:
-        prepare_tasks(CaptureSet(captures.folder, odd), ("crease",), 0.01)
-    assert caught.value.code == "resolution_does_not_divide"
-
-
 def test_an_atlas_is_made_once_and_found_again(tmp_path: Path) -> None:
     cache = open_atlas(tmp_path / "atlas")
     assert cache == open_atlas(tmp_path / "atlas")

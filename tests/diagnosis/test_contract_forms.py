@@ -1,0 +1,142 @@
+"""Capture sets in every form that the contract allows can be diagnosed, and what is missing is said."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture.capture_set import CaptureSet
+from capture.picture import read_depth
+from capture.prepare import prepare_all
+from diagnosis.diagnose import DiagnosisOptions, diagnose
+from diagnosis.drape_cache import DrapeCache
+from diagnosis.fabric_task import FabricTask
+from diagnosis.preparation import TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA, prepare_tasks
+from renderer.depth_png import write_depth_png
+from tests.diagnosis.conftest import CANDIDATES, MakeSet
+
+Change = Callable[[dict[str, Any]], None]
+MILLIMETRE = 0.001
+
+
+@pytest.fixture(scope="module")
+def plain(make_set: MakeSet) -> CaptureSet:
+    """A set without an effect."""
+    return make_set()
+
+
+@pytest.fixture
+def altered(plain: CaptureSet, tmp_path: Path) -> Callable[[Change], CaptureSet]:
+    """The same, its ``captures.json`` changed by hand."""
+
+    def alter(change: Change) -> CaptureSet:
+        folder = tmp_path / "set"
+        shutil.copytree(plain.folder, folder)
+        path = folder / "captures.json"
+        value = json.loads(path.read_text())
+        change(value)
+        path.write_text(json.dumps(value))
+        return CaptureSet.load(folder)
+
+    return alter
+
+
+def tasks_of(captures: CaptureSet) -> tuple[list[FabricTask], str]:
+    tasks, assumed = prepare_tasks(captures, CANDIDATES, 0.02)
+    return tasks, "; ".join(assumed)
+
+
+def in_millimetres(captures: CaptureSet) -> CaptureSet:
+    """The same pictures kept in whole millimetres, as many cameras do."""
+    for capture in captures.captures:
+        write_depth_png(capture.depth_path, read_depth(capture.depth_path, capture.camera), MILLIMETRE)
+    path = captures.folder / "captures.json"
+    value = json.loads(path.read_text())
+    value["camera"]["depth_unit_m"] = MILLIMETRE
+    path.write_text(json.dumps(value))
+    return CaptureSet.load(captures.folder)
+
+
+def test_a_set_that_states_everything_assumes_nothing(altered: Callable[[Change], CaptureSet]) -> None:
+    tasks, assumed = tasks_of(altered(lambda value: None))
+    assert not assumed and len(tasks) == 2
+    assert all(c.sensor_known and c.pose_known for task in tasks for c in task.captures)
+
+
+def test_a_fabric_without_density_is_taken_wide(altered: Callable[[Change], CaptureSet]) -> None:
+    tasks, assumed = tasks_of(altered(lambda value: value["fabrics"][0].update(density=None)))
+    assert "fabric f1: no density" in assumed
+    assert tasks[0].parameters.density == TYPICAL_DENSITY_KG_M2 and tasks[0].relative_sigma[6] == UNKNOWN_DENSITY_SIGMA
+    assert tasks[1].relative_sigma[6] < 0.1
+
+
+def test_a_fabric_without_parameters_is_estimated_from_its_pictures(altered: Callable[[Change], CaptureSet]) -> None:
+    tasks, assumed = tasks_of(altered(lambda value: value["fabrics"][1].update(parameters=None)))
+    assert "fabric f2: no parameters; estimated from its captures" in assumed and "fabric f1" not in assumed
+    assert min(tasks[1].relative_sigma[:6]) > max(tasks[0].relative_sigma[:6])
+
+
+def test_a_sensor_that_is_not_stated_judges_no_pixels(altered: Callable[[Change], CaptureSet]) -> None:
+    tasks, assumed = tasks_of(altered(lambda value: value.pop("sensor")))
+    assert "the sensor's noise is not stated" in assumed
+    assert not any(c.sensor_known for task in tasks for c in task.captures)
+
+
+def test_a_pose_that_is_not_stated_is_found(plain: CaptureSet, altered: Callable[[Change], CaptureSet]) -> None:
+    stated, _ = tasks_of(plain)
+    tasks, assumed = tasks_of(altered(lambda value: value["setup"].update(camera_from_panel=None)))
+    assert "the camera's pose was found in the pictures" in assumed
+    for task, known in zip(tasks, stated, strict=True):
+        assert not any(c.pose_known for c in task.captures)
+        for one, other in zip(task.captures, known.captures, strict=True):
+            np.testing.assert_allclose(one.scene.pose, other.scene.pose, atol=0.02)
+
+
+def test_without_a_panel_what_lies_round_the_cloth_does_not_count(
+    plain: CaptureSet, altered: Callable[[Change], CaptureSet]
+) -> None:
+    captures = altered(lambda value: value["setup"].update(panel=False))
+    for capture, seen in zip(captures.captures, prepare_all(plain.captures), strict=True):
+        wall = np.where(seen.region.mask, seen.depth, np.float32(3.0))
+        write_depth_png(capture.depth_path, wall)
+    tasks, _ = tasks_of(captures)
+    for capture in (c for task in tasks for c in task.captures):
+        assert not capture.scene.setup.panel
+        assert 0.05 < np.mean(capture.depth > 0.0) < 0.6
+
+
+def test_one_capture_may_have_a_camera_and_a_set_up_of_its_own(altered: Callable[[Change], CaptureSet]) -> None:
+    def change(value: dict[str, Any]) -> None:
+        own = value["captures"][1]
+        own["camera"] = {**value["camera"], "fx": 1.001 * value["camera"]["fx"]}
+        own["setup"] = {"pin_radius_m": 0.005}
+
+    tasks, _ = tasks_of(altered(change))
+    first, second = tasks[0].captures[:2]
+    assert second.scene.camera.fx == pytest.approx(1.001 * first.scene.camera.fx)
+    assert (first.scene.setup.pin_radius_m, second.scene.setup.pin_radius_m) == (0.0, 0.005)
+
+
+def test_a_sample_that_no_cell_divides_is_simulated_in_whole_cells(altered: Callable[[Change], CaptureSet]) -> None:
+    tasks, assumed = tasks_of(altered(lambda value: value["setup"].update(sample_size_m=[0.503, 0.498])))
+    assert "the sample of 503 x 498 mm is simulated as 500.5 x 500.5 mm, in whole cells" in assumed
+    assert tasks[0].captures[0].scene.setup.sample_size_m == pytest.approx((0.5005, 0.5005))
+
+
+def test_pictures_in_whole_millimetres_are_not_called_quantised(
+    altered: Callable[[Change], CaptureSet], shelf: DrapeCache
+) -> None:
+    """The sensor states steps of 0.2 mm; the file's own are coarser, and the simulation is rounded alike."""
+    captures = in_millimetres(altered(lambda value: None))
+    (task, *_), _ = tasks_of(captures)
+    assert task.captures[0].scene.sensor.quantisation_m == MILLIMETRE
+    options = DiagnosisOptions(effects=(*CANDIDATES, "quantisation"), resolution_m=0.02, afresh=False)
+    report = diagnose(captures, options, cache=shelf).report
+    assert report.cause.top == "none"
+    assert report.cause.probabilities["quantisation"] < 0.05

@@ -1,0 +1,55 @@
+"""Samples that no whole number of cells fits are simulated a little larger or smaller, held as tight."""
+
+from __future__ import annotations
+
+import pytest
+
+from diagnosis.meshing import cell_size, on_cells
+from simcore.errors import InputError
+from simcore.mesh import GridMesh
+from simcore.scenes import Setup
+
+
+@pytest.mark.parametrize("wanted", [0.005, 0.01, 0.02])
+def test_a_sample_that_cells_divide_keeps_its_size(wanted: float) -> None:
+    setup = Setup.nominal("stretch")
+    assert cell_size(setup.sample_size_m, wanted) == pytest.approx(wanted, rel=1e-12)
+    assert on_cells(setup, wanted) is setup
+
+
+@pytest.mark.parametrize("size", [(0.503, 0.498), (0.5, 0.498), (0.4999, 0.5), (0.42, 0.297), (0.21, 0.297)])
+def test_a_sample_cut_by_hand_gets_whole_cells_near_the_wanted_one(size: tuple[float, float]) -> None:
+    setup = Setup.nominal("stretch", sample_size_m=size)
+    cell = cell_size(size, 0.01)
+    whole = on_cells(setup, cell)
+    assert 0.008 <= cell <= 0.0125
+    assert GridMesh(cell, whole.sample_size_m).vertex_count > 0
+    assert whole.sample_size_m == pytest.approx(size, abs=0.0026)  # half of what the edges of the first differ by
+
+
+def test_where_cells_fit_as_well_as_a_sample_is_cut_the_size_changes_by_less() -> None:
+    assert on_cells(
+        Setup.nominal("hanging", sample_size_m=(0.42, 0.297)), cell_size((0.42, 0.297), 0.01)
+    ).sample_size_m == (pytest.approx((0.42, 0.297), abs=0.0005))
+
+
+def test_pins_move_with_the_sample_so_that_it_is_held_as_tight() -> None:
+    setup = Setup.nominal("stretch", sample_size_m=(0.503, 0.498)).with_pins(top_left=(-0.24, 0.001, 0.002))
+    whole = on_cells(setup, cell_size(setup.sample_size_m, 0.01))
+    for name, place in setup.pins_m.items():
+        for axis in (0, 1):
+            now, before = whole.pins_m[name][axis], place[axis]
+            assert now / whole.sample_size_m[axis] == pytest.approx(before / setup.sample_size_m[axis])
+        assert whole.pins_m[name][2] == place[2]
+    assert whole.pin_radius_m == setup.pin_radius_m
+
+
+def test_a_coarse_mesh_that_no_edge_fits_is_refused() -> None:
+    with pytest.raises(InputError) as caught:
+        cell_size((0.5, 0.13), 0.1)
+    assert caught.value.code == "resolution_does_not_divide"
+
+
+def test_a_second_sample_of_another_size_is_refused_where_its_fabric_has_other_cells() -> None:
+    with pytest.raises(InputError, match="give samples of two sizes as two fabrics"):
+        on_cells(Setup.nominal("hanging", sample_size_m=(0.21, 0.144)), 0.01)
