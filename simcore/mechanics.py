@@ -69,7 +69,8 @@ class EdgeCurl:
 class Crease:
     """A pressed fold line: it wants to be bent by ``angle_rad`` across a line at ``position`` (0 to 1) of the sample.
 
-    ``along`` is ``warp`` (the line runs down the sample) or ``weft`` (across it); the angle is spread over ``width_m``.
+    ``along`` is ``warp`` (the line runs down the sample) or ``weft`` (across it); the angle is spread over
+    ``width_m`` to either side of it, raised-cosine.
     """
 
     angle_rad: float

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from simcore.placement import Perturbation
 from simcore.scenes import Setup
 
 from .reference import Cloth, Friction
+from .reference_self_contact import own_contact_stiffness
 
 Array = NDArray[Any]
 
@@ -51,20 +53,23 @@ def cloth_of(
     jitter: Jitter = Jitter(),
     seed: int = 0,
     friction: Friction | None = None,
+    own_contact: bool = False,
 ) -> Cloth:
     """The reference of the problem that the drape says it solves."""
     held, _ = held_places(drape, setup, jitter, seed)
     h = drape.mesh.resolution_m
-    return Cloth(fabric, h, h, held, mechanics, setup.panel, friction)
+    return Cloth(fabric, h, h, held, mechanics, setup.panel, friction, own_contact)
 
 
 def stiffness_matrix(cloth: Cloth, x: Array) -> sp.csc_array:
     """Hessian over the free coordinates by central differences of the reference's gradient.
 
-    Vertices couple up to two rows or columns away, so one difference serves all vertices five apart.
+    Vertices couple up to two rows or columns away, so one difference serves all vertices five apart; those of parts in
+    touch couple as they lie, and are taken one by one.
     """
     rows, columns, _ = x.shape
     step = 1e-7
+    alone = replace(cloth, own_contact=False)
     j, i = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     entries: list[tuple[Array, Array, Array]] = []
     for dj in range(5):
@@ -76,13 +81,15 @@ def stiffness_matrix(cloth: Cloth, x: Array) -> sp.csc_array:
             for axis in range(3):
                 d = np.zeros_like(x)
                 d[chosen, axis] = step
-                change = (cloth.gradient(x + d) - cloth.gradient(x - d)) / (2 * step)
+                change = (alone.gradient(x + d) - alone.gradient(x - d)) / (2 * step)
                 column = 3 * (near_j * columns + near_i) + axis
                 entries += [
                     ((3 * (j * columns + i) + r)[inside], column[inside], change[..., r][inside]) for r in range(3)
                 ]
     row, column, value = (np.concatenate([e[n] for e in entries]) for n in range(3))
     whole = sp.csc_array((value, (row, column)), shape=(x.size, x.size))
+    if cloth.own_contact:
+        whole += own_contact_stiffness(x, cloth.hu, cloth.hv, cloth.weight())
     free = np.flatnonzero(np.repeat(~cloth.held.ravel(), 3))
     part = whole[free][:, free]
     return sp.csc_array(0.5 * (part + part.T))

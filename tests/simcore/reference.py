@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from simcore.mechanics import Mechanics
 from simcore.parameters import FabricParameters
 
+from .reference_self_contact import own_contact_energy, own_contact_gradient
+
 Array = NDArray[Any]
 
 BARRIER_REACH_M = 1e-3
@@ -40,7 +42,10 @@ class Friction:
 
 @dataclass(frozen=True)
 class Cloth:
-    """A problem: grid, material, what acts on it and what is held (bool [rows, columns])."""
+    """A problem: grid, material, what acts on it and what is held (bool [rows, columns]).
+
+    ``own_contact``: parts of the cloth keep off each other (``reference_self_contact``).
+    """
 
     fabric: FabricParameters
     hu: float
@@ -49,6 +54,7 @@ class Cloth:
     mechanics: Mechanics = field(default_factory=Mechanics)
     panel: bool = True
     friction: Friction | None = None
+    own_contact: bool = False
 
     # -- measures of the grid ------------------------------------------------------------------------------------
 
@@ -319,14 +325,18 @@ class Cloth:
 
     def energy(self, x: Array) -> Any:
         """Total potential energy [J]."""
-        panel = self.panel_energy(x)
-        return self.membrane_energy(x) + self.bending_energy(x) + self.curl_energy(x) + panel - np.sum(self.force() * x)
+        own = own_contact_energy(x, self.hu, self.hv, self.weight()) if self.own_contact else 0.0
+        contact = self.panel_energy(x) + own
+        inner = self.membrane_energy(x) + self.bending_energy(x) + self.curl_energy(x)
+        return inner + contact - np.sum(self.force() * x)
 
     def gradient(self, x: Array) -> Array:
         """Derivative of the energy by the free vertices [N], zero where held."""
         g = (
             self.membrane_gradient(x) + self.bending_gradient(x) + self.curl_gradient(x) + self.panel_gradient(x)
         ) - self.force()
+        if self.own_contact:
+            g += own_contact_gradient(x, self.hu, self.hv, self.weight())
         return np.where(self.held[..., None], 0.0, g)
 
     def residual(self, x: Array) -> float:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from simcore.drape import DrapeStatus
+from simcore.mesh import GridMesh
+from simcore.newton import Rest
 from simcore.resolution import SHARP_RAD, kinked_share
+from simcore.verdict import verdict
 
 
 def wave(cells: float, steepest: float, rows: int = 81, columns: int = 121) -> np.ndarray:
@@ -33,3 +38,39 @@ def test_a_single_sharp_crease_is_its_share() -> None:
     x = wave(20.0, 0.0)
     x[:, 60:, 2] = 2.0 * np.arange(61)
     assert kinked_share(x) == pytest.approx(1 / 119)
+
+
+def rested(x: np.ndarray, cells_m: float) -> Rest:
+    """A certified rest on cells of this size; ``x`` in cells."""
+    return Rest(cells_m * x, 1e-4, stable=True, iterations=12, converged=True)
+
+
+def zigzag(share: float) -> np.ndarray:
+    """A sheet of which this share of the rows turns by a right angle at every vertex."""
+    x = wave(20.0, 0.0, rows=100)
+    x[: round(100 * share), :, 2] = 0.5 * (-1.0) ** np.arange(x.shape[1])
+    assert kinked_share(x) == pytest.approx(share)
+    return x
+
+
+@pytest.mark.parametrize(("cells_m", "most"), [(0.005, 0.04), (0.01, 0.04), (0.0125, 0.25), (0.02, 0.25), (0.05, 0.25)])
+def test_a_drape_that_the_mesh_cannot_carry_is_flagged(cells_m: float, most: float) -> None:
+    mesh = GridMesh(cells_m)
+    assert verdict(mesh, rested(wave(20.0, 0.0), cells_m), 0, late=False) == (DrapeStatus.STILL, "")
+    assert verdict(mesh, rested(zigzag(most - 0.01), cells_m), 0, late=False) == (DrapeStatus.STILL, "")
+    for share in (most + 0.01, 1.0):
+        status, reason = verdict(mesh, rested(zigzag(share), cells_m), 0, late=False)
+        assert status is DrapeStatus.UNDER_RESOLVED
+        assert f"{100 * share:.0f} %" in reason and f"finer than {1e3 * cells_m:g} mm" in reason
+
+
+def test_what_is_worse_than_kinks_is_said_first() -> None:
+    mesh, folded = GridMesh(0.01), rested(zigzag(1.0), 0.01)
+    status, reason = verdict(mesh, folded, 3, late=False)
+    assert status is DrapeStatus.NOT_STILL and "through itself: 3 edges" in reason
+    moving = replace(folded, converged=False, stable=False, residual=0.2)
+    status, reason = verdict(mesh, moving, 3, late=False)
+    assert status is DrapeStatus.NOT_STILL and reason == "residual 0.2 vertex weights after 12 steps"
+    assert verdict(mesh, moving, 3, late=True) == (DrapeStatus.NOT_STILL, f"time limit; {reason}")
+    for gone in (replace(moving, x=np.full_like(folded.x, np.nan)), replace(moving, residual=math.nan)):
+        assert verdict(mesh, gone, 0, late=True)[0] is DrapeStatus.DIVERGED

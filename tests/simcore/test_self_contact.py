@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,20 +17,26 @@ from simcore.scenes import Scene, Setup
 from simcore.self_contact import SelfContact
 from simcore.solver import Solver
 
+from .judge import cloth_of, lowest_stiffness, positions
+from .reference_self_contact import contacts, measures, own_contact_energy, own_contact_gradient
+
 GRID = Grid(9, 21, 0.02, 0.02)
+FINE = Grid(11, 17, 0.008, 0.0095)
+"""Reach: a fifth of the shorter side."""
 FREE = np.zeros((9, 21), dtype=np.int32)
 WEIGHT = 1e-3
 
 
-def folded(gap: float) -> np.ndarray:
+def folded(gap: float, grid: Grid = GRID, seed: int = 3) -> np.ndarray:
     """A sheet folded over itself with its halves ``gap`` apart, a little askew."""
-    x = GRID.rest.copy()
-    over = np.arange(21) > 10
-    x[:, over, 0] = GRID.rest[:, 10, 0][:, None] - (GRID.rest[:, over, 0] - GRID.rest[:, 10, 0][:, None]) + 0.003
+    x = grid.rest.copy()
+    middle = grid.columns // 2
+    over, line = np.arange(grid.columns) > middle, grid.rest[:, middle, 0][:, None]
+    x[:, over, 0] = line - (grid.rest[:, over, 0] - line) + 0.15 * grid.hu
     x[:, over, 2] = gap
-    x[:, over, 1] += 0.004
-    rng = np.random.default_rng(3)
-    return x + 1e-4 * rng.standard_normal(x.shape)
+    x[:, over, 1] += 0.2 * grid.hv
+    rng = np.random.default_rng(seed)
+    return x + 0.005 * grid.hu * rng.standard_normal(x.shape)
 
 
 def test_closest_points_are_no_farther_than_any_others() -> None:
@@ -67,6 +74,53 @@ def test_the_nearer_the_dearer_and_through_is_forbidden() -> None:
     tilted[:, 11:, 2] -= 0.03 * (np.arange(10) / 10)
     assert count_crossings(tilted.reshape(-1, 3), grid_triangles(9, 21)) > 0
     assert SelfContact(GRID, WEIGHT, FREE).energy(tilted) == math.inf
+    assert own_contact_energy(tilted, 0.02, 0.02, WEIGHT) == math.inf
+
+
+@pytest.mark.parametrize("grid", [GRID, FINE])
+@pytest.mark.parametrize("share", [0.9, 0.7, 0.55])
+def test_energy_and_gradient_are_those_of_the_reference(grid: Grid, share: float) -> None:
+    reach, _ = measures(grid.hu, grid.hv, WEIGHT)
+    assert reach == pytest.approx(min(2e-3, 0.2 * min(grid.hu, grid.hv)))
+    held = np.zeros(grid.shape[:2], dtype=np.int32)
+    held[:2, -3:] = 1
+    for seed in range(2):
+        x = folded(share * reach, grid, seed)
+        contact, gradient = SelfContact(grid, WEIGHT, held), np.zeros(grid.shape)
+        contact.add_gradient(x, gradient)
+        expected = own_contact_gradient(x, grid.hu, grid.hv, WEIGHT)
+        assert np.abs(expected[held == 1]).max() > 0.0 and not gradient[held == 1].any()
+        expected[held == 1] = 0.0
+        assert contact.energy(x) == pytest.approx(own_contact_energy(x, grid.hu, grid.hv, WEIGHT), rel=1e-9)
+        assert np.abs(gradient - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("grid", [GRID, FINE])
+def test_the_reference_is_the_derivative_of_its_own_energy(grid: Grid) -> None:
+    x = folded(0.7 * measures(grid.hu, grid.hv, WEIGHT)[0], grid)
+    gradient = own_contact_gradient(x, grid.hu, grid.hv, WEIGHT)
+    rng = np.random.default_rng(4)
+    for _ in range(3):
+        along = rng.standard_normal(grid.shape)
+        slope = own_contact_energy(x + 1e-30j * along, grid.hu, grid.hv, WEIGHT).imag / 1e-30
+        assert slope == pytest.approx(float(np.vdot(gradient, along)), rel=1e-10)
+
+
+def test_a_vertex_over_a_cell_costs_what_the_formula_says() -> None:
+    """One pair by hand: the sheet folded over, well above itself but for the corner, whose tip comes down on a cell."""
+    x = GRID.rest.copy()
+    x[:, :7, 0] = 2.0 * GRID.rest[0, 7, 0] - GRID.rest[:, :7, 0]
+    x[:, :7, 2], x[:, 7, 2] = 0.03, 0.015
+    triangle = x[[1, 1, 2], [14, 15, 14]]  # of a cell with j + i odd: its corner and the two next to it
+    x[0, 0] = triangle.mean(axis=0) + np.array([0.0, 0.0, 0.0013])
+    near = contacts(x, 2e-3)
+    assert len(near.weights) == 1
+    expected = -5.0 * WEIGHT * 2e-3 * (0.65 - 1.0) ** 2 * math.log(0.65)
+    assert own_contact_energy(x, 0.02, 0.02, WEIGHT) == pytest.approx(expected, rel=1e-12)
+    assert SelfContact(GRID, WEIGHT, FREE).energy(x) == pytest.approx(expected, rel=1e-12)
+    push = -own_contact_gradient(x, 0.02, 0.02, WEIGHT)[0, 0]
+    slope = 5.0 * WEIGHT * (2 * (0.65 - 1.0) * math.log(0.65) + (0.65 - 1.0) ** 2 / 0.65)
+    assert push == pytest.approx([0.0, 0.0, slope], rel=1e-9, abs=1e-15)
 
 
 def test_gradient_is_the_derivative_and_the_hessian_its_main_part() -> None:
@@ -81,7 +135,7 @@ def test_gradient_is_the_derivative_and_the_hessian_its_main_part() -> None:
     along = rng.standard_normal(GRID.shape) * (held == 0)[..., None]
     step = 1e-8
     measured = (contact.energy(x + step * along) - contact.energy(x - step * along)) / (2.0 * step)
-    assert measured == pytest.approx(float(np.vdot(gradient, along)), rel=1e-5)
+    assert measured == pytest.approx(float(np.vdot(gradient, along)), rel=1e-6)
     hessian = contact.hessian(x)
     assert hessian is not None
     values = np.linalg.eigvalsh(hessian.toarray())
@@ -106,11 +160,19 @@ def test_momentum_is_kept() -> None:
 
 def test_a_drape_that_would_pass_through_itself_rests_on_itself_instead() -> None:
     solver = Solver(GridMesh(0.02))
-    soft = FabricParameters(300, 200, 100, 1e-6, 1e-6, 1e-6, 0.2)
+    soft, setup = FabricParameters(300, 200, 100, 1e-6, 1e-6, 1e-6, 0.2), Setup.nominal(Scene.HANGING)
     for seed in (7, 4, *range(20, 30)):  # which seeds' folds meet differs between processors
-        drape = solver.solve(soft, Setup.nominal(Scene.HANGING), seed=seed, time_limit_s=60.0)
+        drape = solver.solve(soft, setup, seed=seed, time_limit_s=60.0)
         if drape.ok and solver.levels[-1].own_contact is not None:
             assert count_crossings(drape.vertices, solver.mesh.triangles) == 0
             assert drape.stable and drape.residual < 1e-3
+            cloth, x = cloth_of(drape, soft, setup, seed=seed, own_contact=True), positions(drape)
+            assert cloth.residual(x) < 1e-3
+            assert cloth.residual(x) == pytest.approx(drape.residual, rel=1e-3, abs=1e-7)
+            assert cloth.energy(x) == pytest.approx(drape.energy, rel=1e-9)
+            assert lowest_stiffness(cloth, x) > -1e-6
+            without = replace(cloth, own_contact=False)  # it does rest on itself
+            assert without.residual(x) > 10.0 * cloth.residual(x)
+            assert without.energy(x) < cloth.energy(x)
             return
     pytest.fail("no seed made the cloth touch itself: choose another fabric")
