@@ -2,56 +2,24 @@
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from capture.capture_set import CAPTURES_FILE, CaptureSet, picture_path, write_captures_json
-from capture.documents import FORMAT, CameraDocument, CaptureSetDocument, parse_document
+from capture.addition import FOLDER_IN_USE, LOCK_FILE, NewCapture, with_capture
+from capture.capture_set import picture_path, write_captures_json
 from capture.sources import DepthSource, Frame
 from renderer.atomic import write_atomically
+from renderer.camera import Camera
 from simcore.errors import InputError
 
-_NAME = re.compile(r"\w[\w.\-]{0,99}")
-
+LOCK_WAIT_S = 60.0
+"""So long another process may take to add its capture [s]."""
 MIN_SHARE_OF_FRAMES = 0.5
 """A pixel counts as seen where at least this share of the frames saw it."""
-
-
-@dataclass(frozen=True)
-class NewCapture:
-    """What is said about a capture when it is recorded.
-
-    Attributes:
-        fabric: id of the fabric; added to the set if it is new.
-        scene: ``hanging`` or ``stretch``.
-        density: of the fabric [kg/m²], where known; only used for a new fabric.
-        setup: keys of the format's ``setup`` for a set that is new.
-        parameters: the fabric's six others, SI, where known, with the relative uncertainty ``parameters_cv``.
-    """
-
-    fabric: str
-    scene: str
-    density: float | None = None
-    setup: dict[str, Any] | None = None
-    parameters: Mapping[str, float] | None = None
-    parameters_cv: float | None = None
-
-
-def _fabric(new: NewCapture) -> dict[str, Any]:
-    """The fabric's entry."""
-    entry: dict[str, Any] = {"id": new.fabric, "density": new.density, "parameters": None}
-    if new.parameters is not None:
-        entry["parameters"] = dict(new.parameters)
-        if new.parameters_cv is not None:
-            entry["parameters_cv"] = entry["density_cv"] = new.parameters_cv
-    return entry
 
 
 def temporal_median(frames: Iterable[Frame]) -> Frame:
@@ -76,7 +44,7 @@ def record_capture(source: DepthSource, folder: str | Path, new: NewCapture, *, 
     """Add a capture to a set, which is made if it is not there, and return the capture's id.
 
     The picture is written first and ``captures.json`` last, each whole or not at all: an interrupted recording leaves
-    the set as it was.
+    the set as it was. Several processes may add to one set at once.
 
     Args:
         source: where the frames come from.
@@ -88,68 +56,73 @@ def record_capture(source: DepthSource, folder: str | Path, new: NewCapture, *, 
         InputError: no frames, an empty picture, or a set that cannot take the capture.
     """
     folder = Path(folder)
-    if not _NAME.fullmatch(new.fabric):
-        raise InputError(
-            f"fabric {new.fabric!r} names files: use letters, digits, '-', '_' and '.' only",
-            code="fabric_name",
-        )
     if frames < 1:
         raise InputError(f"{frames} frames: at least one is needed", code="no_frames")
-    document = _document(folder, source, new)
-    repeat = sum(1 for c in document["captures"] if c["fabric"] == new.fabric and c["scene"] == new.scene)
-    taken = {c["id"] for c in document["captures"]}
-    while (name := f"{new.fabric}-{new.scene}-{repeat}") in taken:
-        repeat += 1
-    entry: dict[str, Any] = {
-        "id": name,
-        "fabric": new.fabric,
-        "scene": new.scene,
-        "repeat": repeat,
-        "depth": f"{name}.png",
-    }
-    camera = CameraDocument.from_camera(source.camera).model_dump(mode="json")
-    if CameraDocument.model_validate(document["camera"]).as_camera() != source.camera:
-        entry["camera"] = camera
-    document["captures"].append(entry)
-    if all(fabric["id"] != new.fabric for fabric in document["fabrics"]):
-        document["fabrics"].append(_fabric(new))
-    checked = parse_document(json.dumps(document), str(folder / CAPTURES_FILE))
-    path = picture_path(folder, entry["depth"])
+    check_capture(folder, new, source.camera)
     counts = temporal_median(islice(source.frames(), frames))
     if not counts.any():
         raise InputError("every pixel of the frames is without data: take them again", code="depth_empty")
-    _write(folder, path, counts, checked)
-    return name
+    with _alone(folder):
+        document = with_capture(folder, new, source.camera)
+        added = document.captures[-1]
+        _write(picture_path(folder, added.depth), counts)
+        write_captures_json(document, folder)
+    return added.id
 
 
-def _document(folder: Path, source: DepthSource, new: NewCapture) -> dict[str, Any]:
-    """The set's document as plain values, or that of a new set."""
-    if (folder / CAPTURES_FILE).exists():
-        return CaptureSet.load(folder, read_pictures=False).document.as_json()
-    if folder.is_dir() and any(folder.iterdir()):
+def check_capture(folder: str | Path, new: NewCapture, camera: Camera) -> None:
+    """Find out whether a set can take a capture, before the work of making one; nothing is written.
+
+    Args:
+        folder: the capture set, there or not.
+        new: fabric, scene and what else is said.
+        camera: that will take it.
+
+    Raises:
+        InputError: the set cannot be read, says something else of the fabric or the sensor, the folder holds other
+            things, or what is said cannot be.
+    """
+    folder = Path(folder)
+    try:
+        with_capture(folder, new, camera)
+    except InputError as error:
+        if error.code != FOLDER_IN_USE or not (folder / LOCK_FILE).exists():
+            raise
+        with _alone(folder):  # perhaps another process is making the set: its first picture is there, the rest is not
+            with_capture(folder, new, camera)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """No other process adds to the set for the length of the block; its folder is made.
+
+    Raises:
+        InputError: the folder cannot be written, or another process does not come to an end.
+    """
+    from filelock import FileLock, Timeout
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / LOCK_FILE, timeout=LOCK_WAIT_S, mode=0o666)  # whoever may write to the folder may lock
+        lock.acquire()
+    except Timeout:
         raise InputError(
-            f"{folder} holds files but no {CAPTURES_FILE}: give a new folder or a capture set", code="folder_in_use"
-        )
-    return {
-        "format": FORMAT,
-        "name": folder.name,
-        "camera": CameraDocument.from_camera(source.camera).model_dump(mode="json"),
-        "setup": new.setup or {},
-        "fabrics": [],
-        "captures": [],
-    }
+            f"{folder}: another process has been adding to it for {LOCK_WAIT_S:.0f} s: try again when it is done",
+            code="set_busy",
+        ) from None
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror}", code="cannot_write") from None
+    try:
+        yield
+    finally:
+        lock.release()
 
 
-def _write(folder: Path, path: Path, counts: Frame, document: CaptureSetDocument) -> None:
+def _write(path: Path, counts: Frame) -> None:
     from io import BytesIO
 
     from PIL import Image
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror}", code="cannot_write") from None
     content = BytesIO()
     Image.fromarray(counts).save(content, format="PNG")
     write_atomically(path, content.getvalue())
-    write_captures_json(document, folder)

@@ -9,6 +9,8 @@ from pathlib import Path
 import typer
 
 from services.cli import console
+from services.cli.options import JSON, SEED_FIXED
+from services.cli.outputs import check_file, check_folder, make_folder
 from simcore.errors import InputError
 
 
@@ -35,7 +37,7 @@ def make(
     scenes: str = typer.Option("hanging,stretch", "--scenes", help="Of every set, comma-separated."),
     withhold: list[str] = typer.Option([], "--withhold", help="Effect that the data has and the diagnosis lacks."),
     plan_only: bool = typer.Option(False, "--plan-only", help="Only the plan: `blind score --make` makes the cases."),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    json_output: bool = JSON,
 ) -> None:
     """Write sealed capture sets: labels in files of their own, their hashes in the sets.
 
@@ -49,6 +51,7 @@ def make(
     plan.check()
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder", code="output_is_file")
+    check_folder(out, "give a folder that can be written to")
     if plan_only:
         case_maker(out, plan)
     else:
@@ -71,7 +74,8 @@ def score(
         False, "--make", help="Make cases that are not there yet, one after the other, each before it is diagnosed."
     ),
     minutes: float = typer.Option(0.0, "--minutes", help="Begin no further case after this time; 0: do all."),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    seed: int = SEED_FIXED,
+    json_output: bool = JSON,
 ) -> None:
     """Diagnose all sealed sets without their labels, then open the labels and count.
 
@@ -84,17 +88,23 @@ def score(
     """
     from diagnosis.blind_make import case_maker, plan_of
     from diagnosis.blind_page import render_page
-    from diagnosis.blind_score import answer_cases, classify, read_manifest
+    from diagnosis.blind_score import EXAMPLES_FOLDER, answer_cases, classify, read_manifest
     from diagnosis.blind_score import score as count
-    from diagnosis.drape_cache import DrapeCache
     from diagnosis.effects import catalogue
     from renderer.atomic import write_atomically
+    from services.cli.diagnose import default_cache
 
     manifest = read_manifest(out)
+    if train is not None and not any((train / EXAMPLES_FOLDER).glob("*.npz")):
+        raise InputError(f"{train}: nothing to train on: run `drapemeter blind score` there first", code="blind_train")
+    if page is not None:
+        check_file(page)
+    check_folder(out, "give a folder that can be written to")
+    cache = default_cache()
     with console.progress("diagnosing", total=manifest["cases"]) as bar:
         answers = answer_cases(
             out,
-            cache=DrapeCache.default(),
+            cache=cache,
             workers=workers,
             seconds=60.0 * minutes or math.inf,
             make=case_maker(out, plan_of(manifest)) if make_missing else None,
@@ -105,7 +115,7 @@ def score(
         answers = classify(out, train, answers, effects)
     result = count(answers)
     if page is not None:
-        page.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(page.absolute().parent, "name a place that can be written to")
         write_atomically(page, render_page(manifest, answers, result).encode())
     if json_output:
         values = {key: _plain(value) for key, value in asdict(result).items()}

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from services.cli import console
+from services.cli.options import JSON, SEED_FIXED, SEED_UNUSED
+from services.cli.outputs import check_folder, make_folder
 
 if TYPE_CHECKING:
-    from capture.record import NewCapture
+    from capture.addition import NewCapture
     from capture.report import CaptureReport
     from capture.sources import DepthSource
 
@@ -21,12 +23,12 @@ Example:
   drapemeter capture check my-captures
 """
 
-JSON = typer.Option(False, "--json", help="One JSON document on standard output.")
 FABRIC = typer.Option(..., "--fabric", help="Id of the fabric; added to the set if it is new.")
 SCENE = typer.Option(..., "--scene", help="hanging or stretch.")
-DENSITY = typer.Option(None, "--density", help="Of a new fabric [kg/m2].")
-SAMPLE = typer.Option(0.5, "--sample-size", help="Edge of the square sample [m]; for a new set.")
-PANEL = typer.Option(True, "--panel/--no-panel", help="A panel stands behind the sample; for a new set.")
+DENSITY = typer.Option(None, "--density", help="Of the fabric [kg/m2]; a set that has it states the same.")
+SAMPLE = typer.Option(None, "--sample-size", help="Edge of the square sample [m]; default: the set's; 0.5 if new.")
+PANEL = typer.Option(None, "--panel/--no-panel", help="A panel stands behind it; default: as in the set; yes if new.")
+OTHER_SET = "give another folder for the capture set"
 FRAMES = typer.Option(30, "--frames", min=1, help="Frames to take the median of.")
 
 
@@ -43,6 +45,7 @@ def register(app: typer.Typer) -> None:
 
 def check(
     capture_set: Path = typer.Argument(..., metavar="SET", help="Folder with captures.json."),
+    seed: int = SEED_FIXED,
     json_output: bool = JSON,
 ) -> None:
     """Check a capture set and tell what is seen in each picture: cloth, holes, noise, panel, pose.
@@ -81,6 +84,7 @@ def check(
 def register_set(
     capture_set: Path = typer.Argument(..., metavar="SET", help="Folder with captures.json."),
     out: Path = typer.Option(..., "--out", help="Folder for one picture a capture and poses.json."),
+    seed: int = SEED_FIXED,
     json_output: bool = JSON,
 ) -> None:
     """Find the cloth and the camera's pose; write pictures of the mask and of the registered height.
@@ -91,23 +95,21 @@ def register_set(
     """
     import json
 
+    from capture.addition import file_name
     from capture.capture_set import CaptureSet
     from capture.figures import draw_registration
     from capture.prepare import prepare_all
     from capture.report import report_capture
     from renderer.atomic import write_atomically
-    from simcore.errors import InputError
 
+    check_folder(out, "give another folder for the pictures")
     found = CaptureSet.load(capture_set)
     prepared_captures = list(prepare_all(found.captures))  # all are found before anything is written
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {out}: {error.strerror}", code="cannot_write") from None
+    make_folder(out, "give another folder for the pictures")
     reports = []
     with console.progress("drawing", len(prepared_captures)) as bar:
         for number, prepared in enumerate(prepared_captures):
-            draw_registration(prepared, out / f"{number:03d}-{_file_name(prepared.capture.id)}.png")
+            draw_registration(prepared, out / f"{number:03d}-{file_name(prepared.capture.id)}.png")
             reports.append(report_capture(prepared))
             bar.advance()
     poses = {"captures": console.to_plain(reports)}
@@ -129,9 +131,10 @@ def import_frames(
         None, "--camera", help="JSON with width, height, fx, fy, cx, cy, depth_unit_m; for PNG files."
     ),
     density: float | None = DENSITY,
-    sample_size: float = SAMPLE,
-    panel: bool = PANEL,
+    sample_size: float | None = SAMPLE,
+    panel: bool | None = PANEL,
     frames: int = FRAMES,
+    seed: int = SEED_UNUSED,
     json_output: bool = JSON,
 ) -> None:
     """Add one capture made of the frames of a still scene (their median over time).
@@ -145,6 +148,7 @@ def import_frames(
     from capture.sources import PngFolderSource, load_camera
     from simcore.errors import InputError
 
+    check_folder(out, OTHER_SET)
     new = _new_capture(fabric, scene, density, sample_size, panel)
     opened: DepthSource
     if source.is_file():
@@ -164,9 +168,10 @@ def record(
     scene: str = SCENE,
     serial: str | None = typer.Option(None, "--serial", help="Of the camera, where several are connected."),
     density: float | None = DENSITY,
-    sample_size: float = SAMPLE,
-    panel: bool = PANEL,
+    sample_size: float | None = SAMPLE,
+    panel: bool | None = PANEL,
     frames: int = FRAMES,
+    seed: int = SEED_UNUSED,
     json_output: bool = JSON,
 ) -> None:
     """Take one capture with a connected RealSense camera.
@@ -177,12 +182,13 @@ def record(
     """
     from capture.realsense import RealSenseSource
 
+    check_folder(out, OTHER_SET)
     new = _new_capture(fabric, scene, density, sample_size, panel)
     _record(RealSenseSource(serial=serial), out, new, frames, json_output)
 
 
-def schema() -> None:
-    """Print the JSON Schema of captures.json.
+def schema(seed: int = SEED_UNUSED, json_output: bool = JSON) -> None:
+    """Print the JSON Schema of captures.json; it is one JSON document with --json and without.
 
     \b
     Example:
@@ -193,12 +199,19 @@ def schema() -> None:
     console.emit_json(json_schema())
 
 
-def _new_capture(fabric: str, scene: str, density: float | None, sample_size: float, panel: bool) -> NewCapture:
-    from capture.record import NewCapture
+def _new_capture(
+    fabric: str, scene: str, density: float | None, sample_size: float | None, panel: bool | None
+) -> NewCapture:
+    """What was said of the capture; what was not said is the set's."""
+    from capture.addition import NewCapture
     from simcore.scenes import Scene, Setup
 
-    Setup.nominal(scene, sample_size_m=(sample_size, sample_size), panel=panel)  # says what is wrong with them
-    setup = {"sample_size_m": [sample_size, sample_size], "panel": panel, "camera_from_panel": None}
+    setup: dict[str, Any] = {}
+    if sample_size is not None:
+        Setup.nominal(scene, sample_size_m=(sample_size, sample_size))  # says what is wrong with it
+        setup["sample_size_m"] = [sample_size, sample_size]
+    if panel is not None:
+        setup["panel"] = panel
     return NewCapture(fabric, Scene.parse(scene).value, density, setup)
 
 
@@ -226,7 +239,3 @@ def _table(reports: list[CaptureReport]) -> list[str]:
         )
         lines.extend(f"  ! {warning}" for warning in r.warnings)
     return lines
-
-
-def _file_name(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_." else "_" for c in name)[:80]

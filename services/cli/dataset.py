@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from services.cli import console
+from services.cli.options import JSON, SEED_UNUSED
 from services.dataset.solver_kind import SolverKind
 from simcore.errors import InputError, StoreError
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 NOTE_S = 60.0
 """Seconds between two lines of progress where there is no terminal."""
 
-JSON_OPTION = typer.Option(False, "--json", help="One JSON document on standard output.")
 STORE_ARGUMENT = typer.Argument(help="Local folder, s3://bucket/prefix or any URL that obstore takes.")
 
 
@@ -67,7 +67,7 @@ def dataset(
     ),
     resume: bool = typer.Option(False, "--resume", help="Finish a store that was interrupted."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Only say what the sweep would cost."),
-    json_output: bool = JSON_OPTION,
+    json_output: bool = JSON,
 ) -> None:
     """Sweep fabrics, scenes and repeats into a store of depth pictures, on Ray.
 
@@ -238,7 +238,8 @@ def sweep(
 def inspect(
     store: str = STORE_ARGUMENT,
     figures: Path | None = typer.Option(None, "--figures", help="Folder for a contact sheet and the Spearman matrix."),
-    json_output: bool = JSON_OPTION,
+    seed: int = SEED_UNUSED,
+    json_output: bool = JSON,
 ) -> None:
     """Counts, failures by reason and ranges of a store; pictures of it on request.
 
@@ -247,8 +248,11 @@ def inspect(
       drapemeter dataset inspect store.zarr --figures out/
     """
     from renderer.store import Store
+    from services.cli.outputs import check_folder
     from services.dataset.inspection import inspect_store
 
+    if figures is not None:
+        check_folder(figures, "name a folder that can be written to")
     opened = Store.open(store)
     report = inspect_store(opened)
     if figures is not None:
@@ -268,7 +272,7 @@ def inspect(
         console.say(f"  {name:14s} {low:.4g} to {high:.4g}")
 
 
-def validate(store: str = STORE_ARGUMENT, json_output: bool = JSON_OPTION) -> None:
+def validate(store: str = STORE_ARGUMENT, seed: int = SEED_UNUSED, json_output: bool = JSON) -> None:
     """Check schema, checksums and that every sample is there exactly once; exits 1 when something is wrong.
 
     \b
@@ -294,7 +298,8 @@ def validate(store: str = STORE_ARGUMENT, json_output: bool = JSON_OPTION) -> No
 def merge(
     stores: list[str] = typer.Argument(help="Two or more complete stores."),
     out: str = typer.Option(..., "--out", help="The new store."),
-    json_output: bool = JSON_OPTION,
+    seed: int = SEED_UNUSED,
+    json_output: bool = JSON,
 ) -> None:
     """Join stores with the same scenes, repeats, inclinations and mesh into one.
 
@@ -322,7 +327,8 @@ def export(
     out: Path = typer.Option(..., "--out", help="New folder for samples.csv and the pictures."),
     shaded: bool = typer.Option(False, "--shaded", help="Also draw the drapes as white cloth on black."),
     limit: int | None = typer.Option(None, "--limit", min=1, help="Only the first so many samples."),
-    json_output: bool = JSON_OPTION,
+    seed: int = SEED_UNUSED,
+    json_output: bool = JSON,
 ) -> None:
     """Write a store as 16-bit PNG depth pictures and a CSV table.
 

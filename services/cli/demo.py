@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from services.cli import console
+from services.cli.options import JSON
 from simcore.errors import InputError
 
 
@@ -20,7 +21,7 @@ def demo(
         Path("demo-out"), "--out", help="Folder for everything; an earlier demo there is replaced."
     ),
     seed: int = typer.Option(0, "--seed", help="Of everything random."),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    json_output: bool = JSON,
 ) -> None:
     """Run the whole chain, small, on embedded defaults: simulate, render, store, train, estimate, compare, diagnose.
 

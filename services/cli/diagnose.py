@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from services.cli import console
+from services.cli.options import JSON, SEED_FIXED
+from services.cli.outputs import check_folder, make_folder
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -48,7 +50,8 @@ def diagnose(
     ),
     afresh: bool = typer.Option(True, help="Simulate what may be named at its fitted size and judge again."),
     lpips: bool = typer.Option(True, help="Say how far the gap shrinks in LPIPS drape distance, too."),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    seed: int = SEED_FIXED,
+    json_output: bool = JSON,
 ) -> None:
     """Compare captures with simulations of the same fabrics; name the effect that the simulation lacks.
 
@@ -64,10 +67,10 @@ def diagnose(
     from capture.capture_set import CaptureSet
     from diagnosis.atlas import open_atlas
     from diagnosis.diagnose import DiagnosisOptions
-    from diagnosis.drape_cache import DrapeCache
 
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder for the report", code="output_is_file")
+    check_folder(out, "give another folder for the report")
     if workers < 1:
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
     if address is not None and not build_atlas:
@@ -75,13 +78,29 @@ def diagnose(
     options = DiagnosisOptions(_names(effects), _names(without), resolution, workers, afresh, lpips)
     options.chosen()
     captures = CaptureSet.load(capture_set)
-    cache = DrapeCache.default() if atlas is None else open_atlas(atlas)
+    if atlas is not None:
+        check_folder(atlas, "give --atlas another folder")
+    cache = default_cache() if atlas is None else open_atlas(atlas)
     if build_atlas:
         _build(captures, options, cache, address, json_output)
     elif isolability:
         _isolability(captures, options, cache, out, json_output)
     else:
         _diagnose(captures, options, cache, out, apply, json_output)
+
+
+def default_cache() -> DrapeCache:
+    """The user's cache of drapes.
+
+    Raises:
+        InputError: its folder cannot be used.
+    """
+    from diagnosis.drape_cache import DrapeCache
+
+    cache = DrapeCache.default()
+    if cache.folder is not None:
+        check_folder(cache.folder, "set DRAPEMETER_CACHE to another folder, or to nothing at all to keep no drapes")
+    return cache
 
 
 def _diagnose(
@@ -94,7 +113,7 @@ def _diagnose(
 
     with console.progress("simulating", total=_shown(captures)) as bar:
         found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out, "give another folder for the report")
     page = render_html(found, captures.document.name or captures.folder.name)
     write_atomically(out / "report.html", page.encode())
     document = found.report.as_json()
@@ -146,7 +165,7 @@ def _isolability(
     with console.progress("simulating", total=_shown(captures)) as bar:
         found = analyse(captures, options.chosen(), options.resolution_m, cache, bar.advance)
     document = _isolability_json(found)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out, "give another folder for the report")
     write_atomically(out / "isolability.json", (json.dumps(document, indent=1) + "\n").encode())
     if json_output:
         console.emit_json(document)

@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from services.cli import console
+from services.cli.options import JSON
 
 
 def register(app: typer.Typer) -> None:
@@ -23,7 +24,7 @@ def distance(
     seed: int = typer.Option(0, help="Of the jitter: the same seed gives the same drapes."),
     workers: int = typer.Option(0, help="Worker processes; 0 for one a core."),
     cache: bool = typer.Option(True, help="Keep renders and features between runs (folder DRAPEMETER_CACHE)."),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    json_output: bool = JSON,
 ) -> None:
     """Drape distance between two fabrics, as people see it.
 

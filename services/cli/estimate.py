@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from services.cli import console
+from services.cli.options import JSON, SEED_FIXED
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, UNITS
 
@@ -25,7 +26,8 @@ def estimate(
     capture_set: Path = typer.Argument(..., help="Capture set: a folder with captures.json."),
     density: float | None = typer.Option(None, "--density", help="kg/m², of fabrics whose density the set lacks."),
     model: Path | None = typer.Option(None, "--model", help="Model folder; default: the one that ships."),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    seed: int = SEED_FIXED,
+    json_output: bool = JSON,
 ) -> None:
     """Estimate stretch and bending stiffness of every fabric in a capture set, from any of its scenes.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from services.cli import console
+from services.cli.options import JSON, SEED_FIXED, SEED_UNUSED
 
 if TYPE_CHECKING:
     from services.db.engine import Database
@@ -24,7 +25,6 @@ Example:
 DATABASE = typer.Option(
     None, help="Database of the service; DRAPEMETER_DATABASE or sqlite:///drapemeter.db unless set."
 )
-JSON = typer.Option(False, "--json", help="One JSON document on standard output.")
 
 
 def register(app: typer.Typer) -> None:
@@ -61,6 +61,7 @@ def create(
     scopes: str = typer.Option("*", help="Comma-separated permissions; * for all."),
     expires_days: float | None = typer.Option(None, help="Days until it expires; never unless set."),
     database: str | None = DATABASE,
+    seed: int = SEED_FIXED,
     as_json: bool = JSON,
 ) -> None:
     from services.api.keys import create_key
@@ -79,7 +80,7 @@ def create(
     console.note(f"{key.name}: {', '.join(key.scopes)}. Keep the key now, it cannot be shown again.")
 
 
-def list_(database: str | None = DATABASE, as_json: bool = JSON) -> None:
+def list_(database: str | None = DATABASE, seed: int = SEED_UNUSED, as_json: bool = JSON) -> None:
     from services.api.keys import list_keys
 
     with _open(database) as opened, opened.read() as session:
@@ -95,6 +96,7 @@ def list_(database: str | None = DATABASE, as_json: bool = JSON) -> None:
 def revoke(
     key: str = typer.Argument(..., help="Identifier or prefix, from 'drapemeter keys list'."),
     database: str | None = DATABASE,
+    seed: int = SEED_UNUSED,
     as_json: bool = JSON,
 ) -> None:
     from services.api.keys import revoke_key

@@ -44,7 +44,7 @@ OVERVIEW = """How will it drape? Fabric mechanics from depth pictures, and what 
 Example:
   drapemeter simulate --scene hanging --parameters p.json --out drape.ply
 
-Every command has --help with an example, and --json for one JSON document on standard output.
+Every command has --help with an example, --seed, and --json for one JSON document on standard output.
 
 Exit codes: 0 done, 2 bad input (one line says what and how to mend it), 1 failure.
 """

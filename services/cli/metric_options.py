@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING
-
-from simcore.errors import InputError
 
 if TYPE_CHECKING:
     from metric.descriptor import DescriptorStore
@@ -18,6 +14,7 @@ def caches(keep: bool) -> tuple[RenderCache | None, FeatureCache]:
     """Caches of renders (on disk) and features (in memory and on disk); memory alone where nothing is to be kept."""
     from metric.feature_cache import FeatureCache
     from metric.render_cache import RenderCache, default_cache_folder
+    from services.cli.outputs import make_folder
 
     if not keep:
         return None, FeatureCache()
@@ -34,36 +31,6 @@ def check_resolution(resolution_m: float) -> None:
     from simcore.mesh import GridMesh
 
     GridMesh(resolution_m)
-
-
-def make_folder(folder: Path, otherwise: str) -> Path:
-    """Make a folder for results before the work that fills it.
-
-    Args:
-        folder: the folder.
-        otherwise: what to do if it cannot be made, for the message.
-
-    Raises:
-        InputError: it cannot be made or written to.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be made ({error.strerror}): {otherwise}", code="folder_unusable") from None
-    if not os.access(folder, os.W_OK):
-        raise InputError(f"{folder} cannot be written to: {otherwise}", code="folder_unusable")
-    return folder
-
-
-def check_figure(path: Path) -> None:
-    """Refuse a figure that could not be written later.
-
-    Raises:
-        InputError: another kind of file than PNG, PDF or SVG, or a folder that cannot be made.
-    """
-    if path.suffix.lower() not in {".png", ".pdf", ".svg"}:
-        raise InputError(f"{path}: name a .png, .pdf or .svg file", code="figure_form")
-    make_folder(path.absolute().parent, "name a place that can be written to")
 
 
 def unit_text(unit: str) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from services.cli import console
+from services.cli.options import JSON
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def rank(
     ),
     thumbnails: Path | None = typer.Option(None, help="Folder for a PNG of each ranked fabric in each scene."),
     figure: Path | None = typer.Option(None, help="PNG: drape ranking beside the ranking by parameters."),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    json_output: bool = JSON,
 ) -> None:
     """Order a library of fabrics by drape distance from a reference, the most alike first.
 
@@ -48,7 +49,8 @@ def rank(
       drapemeter rank silk.json library.json --top 5 --figure search.png --json
     """
     from metric.library import load_library
-    from services.cli.metric_options import check_figure, check_resolution, make_folder
+    from services.cli.metric_options import check_resolution
+    from services.cli.outputs import check_figure, make_folder
     from simcore.parameters import FabricParameters
 
     fabric = FabricParameters.load(reference)

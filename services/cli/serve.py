@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from services.cli import console
+from services.cli.options import SEED_FIXED
 
 if TYPE_CHECKING:
     from services.settings import Settings
@@ -39,6 +40,7 @@ def serve(
     dataset_root: str | None = typer.Option(None, help="Folder or s3:// URL that dataset jobs write under."),
     migrate: bool = typer.Option(False, "--migrate", help="Bring the database's tables up to date and exit."),
     worker_only: bool = typer.Option(False, "--worker-only", help="Run jobs only, without the web server."),
+    seed: int = SEED_FIXED,
     as_json: bool = typer.Option(False, "--json", help="With --migrate: one JSON document on standard output."),
 ) -> None:
     given = {

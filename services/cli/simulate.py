@@ -8,13 +8,19 @@ from typing import TYPE_CHECKING
 import typer
 
 from services.cli import console
+from services.cli.options import JSON
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
     from diagnosis.scene import SimulationScene
     from simcore.drape import Drape
+    from simcore.parameters import FabricParameters
 
 CODE_NOT_STILL = "drape_not_still"
+EFFECT_SEED = "seed"
+"""Component of an effect that is another one in every repeat."""
+EFFECT_STREAM = 2
+"""Spawn key of that component; the solver's jitter uses the seed itself, the sensor's noise key 1."""
 RESULT_NAMES = ("status", "residual", "energy", "stable", "iterations", "seconds", "reason")
 
 
@@ -35,7 +41,7 @@ def simulate(
     fabric: str | None = typer.Option(
         None, "--fabric", help="The fabric's id there; default: the parameters' file name."
     ),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    json_output: bool = JSON,
 ) -> None:
     """Bring one fabric to rest in one scene; write the drape and, if asked, its depth picture.
 
@@ -44,42 +50,52 @@ def simulate(
     and a capture set takes still drapes only.
 
     The depth picture is 256 x 256 pixels, fx = fy = 320, cx = cy = 127.5, 0.1 mm a count, taken 0.9 m before the
-    panel at the height of the sample's middle. A capture set records that camera, the nominal set-up and the
-    fabric's parameters, not the effects.
+    panel at the height of the sample's middle. A capture set records that camera, the nominal set-up, the
+    fabric's parameters and an ideal sensor, not the effects; one that says something else of the fabric or the sensor
+    is refused. An effect that is another one in every repeat follows the seed unless given one (seed:NUMBER).
 
     \b
     Example:
       drapemeter simulate --scene hanging --parameters p.json --resolution 0.01 --out drape.ply --depth d.png
       drapemeter simulate --scene hanging --parameters p.json --effect air_draft=0.3 --out a.ply --capture-set drafty
     """
-    from services.cli.simulate_files import add_capture, check_outputs, take_picture, write_files
+    from services.cli.simulate_files import CapturePlan, check_outputs, take_picture, write_files
     from simcore.mesh import GridMesh
     from simcore.parameters import FabricParameters
 
-    nominal, changed = build_scene(scene, effect, pictured=depth is not None or capture_set is not None)
-    cloth = FabricParameters.load(parameters)
-    mesh = GridMesh(resolution)
-    check_outputs(out, depth)
     if seed < 0:
         raise InputError(f"seed {seed} is negative: give 0 or more", code="seed_negative")
+    cloth = FabricParameters.load(parameters)
+    pictured = depth is not None or capture_set is not None
+    nominal, changed = build_scene(scene, effect, cloth, seed, pictured=pictured)
+    mesh = GridMesh(resolution)
+    check_outputs(out, depth)
+    place = None if capture_set is None else CapturePlan(capture_set, fabric or parameters.stem, cloth, nominal)
+    if place is not None:
+        place.check()
 
     from simcore.drape import DrapeStatus
     from simcore.solver import Solver
 
     drape = Solver(mesh).solve(cloth, changed.setup, seed=seed, mechanics=changed.mechanics)
     if drape.status is not DrapeStatus.DIVERGED:
-        picture = None if depth is None and capture_set is None else take_picture(drape, changed, seed)
+        picture = take_picture(drape, changed, seed) if pictured else None
+        if drape.ok and place is not None and picture is not None:
+            place.add(picture)  # first: a set that cannot take it after all leaves nothing written
         write_files(drape, out, picture, depth)
-        if drape.ok and capture_set is not None and picture is not None:
-            add_capture(capture_set, fabric or parameters.stem, cloth, nominal, picture)
     report(drape, out, json_output)
     if not drape.ok:
         console.error_line(f"the drape is {drape.status}: {drape.reason}", CODE_NOT_STILL)
         raise typer.Exit(1)
 
 
-def build_scene(name: str, effects: list[str], *, pictured: bool) -> tuple[SimulationScene, SimulationScene]:
+def build_scene(
+    name: str, effects: list[str], cloth: FabricParameters, seed: int, *, pictured: bool
+) -> tuple[SimulationScene, SimulationScene]:
     """The nominal scene, and the same with the effects on.
+
+    An effect that differs from repeat to repeat is drawn from the seed, the scene and the fabric, unless its own seed
+    is given (``bending_hysteresis=magnitude:10,seed:7``).
 
     Raises:
         InputError: unknown scene or effect, an effect given twice, or one that only a picture could show.
@@ -94,6 +110,8 @@ def build_scene(name: str, effects: list[str], *, pictured: bool) -> tuple[Simul
     seen: set[str] = set()
     for text in effects:
         effect, size = parse_effect(text)
+        if effect.random_repeats and not gives_seed(text):
+            size[EFFECT_SEED] = draw_effect_seed(effect.name, name, cloth, seed)
         if effect.name in seen:
             raise InputError(f"effect {effect.name} is given twice: give it once", code="effect_twice")
         if effect.stage in (Stage.CAMERA, Stage.SENSOR) and not pictured:
@@ -103,6 +121,21 @@ def build_scene(name: str, effects: list[str], *, pictured: bool) -> tuple[Simul
         seen.add(effect.name)
         changed = effect.apply(changed, size)
     return nominal, changed
+
+
+def gives_seed(text: str) -> bool:
+    """Whether a size from the command line says the effect's own seed."""
+    parts = text.partition("=")[2].split(",")
+    return any(part.partition(":")[0].strip() == EFFECT_SEED for part in parts if ":" in part)
+
+
+def draw_effect_seed(effect: str, scene: str, cloth: FabricParameters, seed: int) -> float:
+    """Seed of an effect that is another one in every repeat: the same for the same seed, scene and fabric."""
+    import numpy as np
+
+    told = "\n".join([effect, scene, *(value.hex() for value in cloth.as_dict().values())]).encode()
+    words = np.random.SeedSequence([seed, *told], spawn_key=(EFFECT_STREAM,))
+    return float(np.random.default_rng(words).integers(1000, 1_000_000))
 
 
 def report(drape: Drape, out: Path, json_output: bool) -> None:

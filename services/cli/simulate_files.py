@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +14,13 @@ from numpy.typing import NDArray
 from capture.sources import DepthSource
 from diagnosis.scene import SimulationScene
 from renderer.camera import Camera
+from services.cli.outputs import check_folder
 from simcore.drape import Drape
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
+
+if TYPE_CHECKING:
+    from capture.addition import NewCapture
 
 SIMULATED_CV = 0.01
 """Relative uncertainty that a simulated capture set states of its fabrics' parameters: they are known."""
@@ -41,13 +48,15 @@ def check_outputs(out: Path, depth: Path | None) -> None:
     """Refuse early what could not be written later.
 
     Raises:
-        InputError: a folder is not there, a path is a folder, or both are the same file.
+        InputError: a folder is not there or cannot be written to, a path is a folder, or both are the same file.
     """
     for path in (out,) if depth is None else (out, depth):
         if not path.absolute().parent.is_dir():
             raise InputError(f"{path}: its folder does not exist; make it first", code="folder_missing")
         if path.is_dir():
             raise InputError(f"{path} is a folder: name a file", code="output_is_folder")
+        if not os.access(path.absolute().parent, os.W_OK | os.X_OK):
+            raise InputError(f"{path}: its folder cannot be written to; name another", code="cannot_write")
     if depth is not None and depth.absolute() == out.absolute():
         raise InputError(f"{out} cannot be both the drape and its depth picture", code="output_twice")
 
@@ -73,30 +82,70 @@ def write_files(drape: Drape, out: Path, picture: NDArray[np.float32] | None, de
         write_depth_png(depth, picture)
 
 
-def add_capture(
-    folder: Path, fabric: str, cloth: FabricParameters, nominal: SimulationScene, picture: NDArray[np.float32]
-) -> None:
-    """Add the picture to a capture set, made if it is not there, under the nominal camera and set-up.
+@dataclass(frozen=True)
+class CapturePlan:
+    """The picture's place in a capture set: under the nominal camera, set-up and sensor, whatever effects are on.
 
-    Raises:
-        InputError: the set cannot take it.
+    Attributes:
+        folder: of the set, made if it is not there.
+        fabric: its id in the set.
+        cloth: its parameters.
+        nominal: the scene without effects.
     """
-    from capture.record import NewCapture, record_capture
-    from renderer.depth_png import quantise_depth
 
-    setup = {
-        "sample_size_m": list(nominal.setup.sample_size_m),
-        "camera_from_panel": nominal.camera_from_panel.tolist(),
-        "panel": nominal.setup.panel,
-        "pin_radius_m": nominal.setup.pin_radius_m,
-    }
-    source = OnePicture(nominal.camera, quantise_depth(picture, nominal.camera.depth_unit_m))
-    new = NewCapture(
-        fabric=fabric,
-        scene=nominal.setup.scene.value,
-        density=cloth.density,
-        parameters={name: getattr(cloth, name) for name in ESTIMATED_NAMES},
-        parameters_cv=SIMULATED_CV,
-        setup=setup,
-    )
-    record_capture(source, folder, new)
+    folder: Path
+    fabric: str
+    cloth: FabricParameters
+    nominal: SimulationScene
+
+    def check(self) -> None:
+        """Find out whether the set can take the picture, before there is one.
+
+        Raises:
+            InputError: it cannot.
+        """
+        from capture.record import check_capture
+
+        check_folder(self.folder, "give --capture-set another folder")
+        check_capture(self.folder, self._capture(), self.nominal.camera)
+
+    def add(self, picture: NDArray[np.float32]) -> None:
+        """Add the picture.
+
+        Args:
+            picture: depth [m], float32 [H, W].
+
+        Raises:
+            InputError: the set cannot take it.
+        """
+        from capture.record import record_capture
+        from renderer.depth_png import quantise_depth
+
+        camera = self.nominal.camera
+        record_capture(
+            OnePicture(camera, quantise_depth(picture, camera.depth_unit_m)), self.folder, self._capture(), frames=1
+        )
+
+    def _capture(self) -> NewCapture:
+        from capture.addition import NewCapture
+
+        setup, sensor = self.nominal.setup, self.nominal.sensor
+        return NewCapture(
+            fabric=self.fabric,
+            scene=setup.scene.value,
+            density=self.cloth.density,
+            parameters={name: getattr(self.cloth, name) for name in ESTIMATED_NAMES},
+            parameters_cv=SIMULATED_CV,
+            setup={
+                "sample_size_m": list(setup.sample_size_m),
+                "camera_from_panel": self.nominal.camera_from_panel.tolist(),
+                "panel": setup.panel,
+                "pin_radius_m": setup.pin_radius_m,
+                "pins_m": {setup.scene.value: {name: list(place) for name, place in setup.pins_m.items()}},
+            },
+            sensor={
+                "range_noise_m": sensor.range_noise_m,
+                "at_m": sensor.at_m,
+                "quantisation_m": max(sensor.quantisation_m, self.nominal.camera.depth_unit_m),
+            },
+        )

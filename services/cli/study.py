@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from services.cli import console
+from services.cli.options import JSON, SEED_FIXED, SEED_UNUSED
 from services.cli.study_analyse import analyse
 from services.cli.study_compare import compare
-from services.cli.study_options import DATABASE, JSON, STUDY, open_database, open_study
+from services.cli.study_options import DATABASE, STUDY, open_database, open_study
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,6 +77,8 @@ def make(
     check_resolution(resolution)
     if not 0 <= seed < 2**31:
         raise InputError(f"the seed must be from 0 to 2147483647, got {seed}", code="seed_out_of_range")
+    if not 0 <= shared <= triplets:
+        raise InputError(f"--shared must be from 0 to --triplets, {triplets}; got {shared}", code="triplets_shared")
     with open_database(database) as opened:
         entries = _entries(
             library, photographs, triplets, simulations=simulations, resolution=resolution, seed=seed, workers=workers
@@ -88,7 +92,7 @@ def make(
         console.say(f"run: drapemeter study serve {store.study.id}")
 
 
-def list_(database: str | None = DATABASE, json_output: bool = JSON) -> None:
+def list_(database: str | None = DATABASE, seed: int = SEED_UNUSED, json_output: bool = JSON) -> None:
     """List the studies of a database.
 
     \b
@@ -115,6 +119,8 @@ def serve(
     host: str = typer.Option("127.0.0.1", help="Address to listen at; 0.0.0.0 lets others take part."),
     port: int = typer.Option(8010, min=0, max=65535, help="Port; 0 for any free one."),
     database: str | None = DATABASE,
+    seed: int = SEED_FIXED,
+    json_output: bool = typer.Option(False, "--json", help="One JSON document: where it is served, once it is."),
 ) -> None:
     """Serve the study's web page. Participants can close it and resume at the same address.
 
@@ -124,12 +130,16 @@ def serve(
     """
     import uvicorn
 
+    from services.api.server import open_listener, url_of
     from services.web.study_app import create_study_app
 
-    with open_study(database, study) as store:
-        app = create_study_app(store)
-        console.note(f"{store.study.name}: http://{host}:{port}/  (Ctrl-C ends)")
-        uvicorn.run(app, host=host, port=port, log_level="warning")
+    with open_study(database, study) as store, open_listener(host, port) as listener:
+        server = uvicorn.Server(uvicorn.Config(create_study_app(store), log_level="warning"))
+        if json_output:
+            console.emit_json({"study": study, "url": f"{url_of(listener)}/"})
+        console.note(f"{store.study.name}: {url_of(listener)}/  (Ctrl-C ends)")
+        with suppress(KeyboardInterrupt):
+            server.run(sockets=[listener])
 
 
 def simulate(
@@ -172,6 +182,7 @@ def export(
     study: str = STUDY,
     out: Path = typer.Option(..., help="File to write: .csv or .json."),
     database: str | None = DATABASE,
+    seed: int = SEED_UNUSED,
     json_output: bool = JSON,
 ) -> None:
     """Write every raw answer: who, which question, what was shown, what was chosen, how long it took.
@@ -184,8 +195,9 @@ def export(
 
     if out.suffix not in {".csv", ".json"}:
         raise InputError(f"{out}: give a file that ends in .csv or .json", code="export_form")
-    from services.cli.metric_options import make_folder
+    from services.cli.outputs import check_file, make_folder
 
+    check_file(out)
     make_folder(out.absolute().parent, "name a place that can be written to")
     with open_study(database, study) as store:
         rows: list[dict[str, Any]] = [

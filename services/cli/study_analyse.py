@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from services.cli import console
-from services.cli.study_options import DATABASE, JSON, STUDY, open_study
+from services.cli.options import JSON
+from services.cli.study_options import DATABASE, STUDY, open_study
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,7 +45,8 @@ def analyse(
     from metric.agreement import agreement, metric_agreement
     from metric.simulate import SimulationPlan
     from metric.tste import answer_array, embed
-    from services.cli.metric_options import check_resolution, make_folder
+    from services.cli.metric_options import check_resolution
+    from services.cli.outputs import make_folder
 
     check_resolution(resolution)
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)

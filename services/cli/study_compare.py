@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from services.cli import console
-from services.cli.study_options import JSON
+from services.cli.options import JSON
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,7 +45,8 @@ def compare(
     """
     from metric.orderings import default_sweeps
     from metric.simulate import SimulationPlan, simulate_fabrics
-    from services.cli.metric_options import caches, check_resolution, make_folder
+    from services.cli.metric_options import caches, check_resolution
+    from services.cli.outputs import make_folder
     from simcore.prior import FabricPrior
 
     check_resolution(resolution)

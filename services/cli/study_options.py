@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from services.web.study_store import StudyStore
 
 DATABASE = typer.Option(None, "--database", help="Database; DRAPEMETER_DATABASE or sqlite:///drapemeter.db unless set.")
-JSON = typer.Option(False, "--json", help="One JSON document on standard output.")
 STUDY = typer.Argument(..., metavar="STUDY", help="Identifier of the study; 'drapemeter study list' shows them.")
 
 

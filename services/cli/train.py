@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from services.cli import console
+from services.cli.options import JSON
+from services.cli.outputs import check_folder
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,7 +44,7 @@ def train(
     tensorboard: Path | None = typer.Option(
         None, "--tensorboard", help="Folder for TensorBoard events; default: none."
     ),
-    json_output: bool = typer.Option(False, "--json", help="One JSON document on standard output."),
+    json_output: bool = JSON,
 ) -> None:
     """Train the estimator, calibrate its intervals and test it on fabrics held out of training.
 
@@ -65,6 +67,8 @@ def train(
     }
     config = preset_config(preset).with_values(asked, {"input_size": input_size, "trunk_width": trunk_width})
     check_out(out)
+    if tensorboard is not None:
+        check_folder(tensorboard, "give --tensorboard another folder")
     earlier = load_model(start) if start is not None else None
     started = time.monotonic()
     with console.progress("training") as bar:
@@ -84,6 +88,7 @@ def check_out(out: Path) -> None:
     check_target(out)
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out}: its folder does not exist; make it first", code="folder_missing")
+    check_folder(out, "give another folder for the model")
 
 
 def show_on(bar: console.ProgressBar) -> Callable[[Progress], None]:

@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
+from capture.addition import LOCK_FILE, NewCapture
 from capture.capture_set import CaptureSet
 from capture.realsense import RealSenseSource, camera_from_intrinsics, import_realsense
-from capture.record import NewCapture, record_capture, temporal_median
+from capture.record import record_capture, temporal_median
 from capture.sources import DepthSource, Frame, PngFolderSource, load_camera
 from renderer.camera import Camera
 from renderer.depth_png import quantise_depth, write_depth_png
@@ -66,7 +67,7 @@ def test_a_recording_becomes_a_capture_with_less_noise(hanging: Sheet, tmp_path:
     seen = (depth > 0) & (still > 0)
     assert seen.mean() > 0.99
     assert np.std((depth - still)[seen]) < 0.0015
-    assert not list((tmp_path / "set").glob(".*"))
+    assert [path.name for path in (tmp_path / "set").glob(".*")] == [LOCK_FILE]  # and no part of a file
 
 
 def test_another_camera_is_kept_with_its_capture(hanging: Sheet, tmp_path: Path) -> None:
@@ -86,7 +87,7 @@ def test_a_recording_that_fails_changes_nothing(hanging: Sheet, tmp_path: Path) 
         (dark, NEW, "depth_empty"),
         (StandInCamera(still), NewCapture("denim", "draping"), "scene_unknown"),
         (StandInCamera(still), NewCapture("silk", "hanging", -1.0), "parameter_out_of_range"),
-        (StandInCamera(still), NewCapture("../silk", "hanging"), "fabric_name"),
+        (StandInCamera(still), NewCapture("\udcff", "hanging"), "fabric_name"),
     ):
         with pytest.raises(InputError) as caught:
             record_capture(source, tmp_path, new, frames=2)

@@ -1,0 +1,127 @@
+"""A place that cannot take the result is found before the work, with exit status 2."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from diagnosis.blind_make import BLIND_FORMAT, MANIFEST_FILE
+from services.cli import main
+from services.cli.outputs import check_file, check_folder
+from simcore.errors import InputError
+from tests.capture.flat import add
+from tests.services.test_cli_simulate import FABRIC
+
+WORK = (
+    "simcore.solver.Solver",
+    "diagnosis.diagnose.diagnose",
+    "diagnosis.isolability.analyse",
+    "diagnosis.atlas.build_atlas",
+    "diagnosis.blind_make.make_blind_check",
+    "diagnosis.blind_score.answer_cases",
+    "capture.prepare.prepare_all",
+    "capture.sources.PngFolderSource.frames",
+    "services.cli.train.run",
+    "services.cli.study._entries",
+    "services.dataset.inspection.inspect_store",
+    "metric.search.search_library",
+)
+PARAMETERS = ["--scene", "hanging", "--parameters", "p.json"]
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with what commands read, a file and folders in the way; any work fails the test."""
+
+    def work(*_: Any, **__: Any) -> None:
+        raise AssertionError("the work began")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("DRAPEMETER_DATABASE", f"sqlite:///{tmp_path / 'd.db'}")
+    (tmp_path / "file").write_text("in the way")
+    for name in ("in.md", "in.csv", "in.png", "check", "frames"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "p.json").write_text(json.dumps(FABRIC))
+    (tmp_path / "library.json").write_text(json.dumps([{"id": "a", **FABRIC}]))
+    camera = {"width": 8, "height": 8, "fx": 8.0, "fy": 8.0, "cx": 3.5, "cy": 3.5, "depth_unit_m": 1e-4}
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    (tmp_path / "frames" / "0.png").touch()
+    manifest = {"format": BLIND_FORMAT, "cases": 1, "withhold": []}
+    (tmp_path / "check" / MANIFEST_FILE).write_text(json.dumps(manifest))
+    add(tmp_path / "set", density=0.2)
+    for name in WORK:
+        monkeypatch.setattr(name, work)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        ("diagnose set --out file/report", "folder_unusable"),
+        ("diagnose set --out file/report --isolability", "folder_unusable"),
+        ("diagnose set --out file/report --build-atlas", "folder_unusable"),
+        ("diagnose set --out file", "output_is_file"),
+        ("diagnose set --out report --atlas file/atlas --build-atlas", "folder_unusable"),
+        ("blind make 1 file/check", "folder_unusable"),
+        ("blind score check --page file/page.md", "folder_unusable"),
+        ("blind score check --page in.md", "output_is_folder"),
+        ("blind score check --train set", "blind_train"),
+        ("capture register set --out file/registered", "folder_unusable"),
+        ("capture import frames --camera camera.json --fabric a --scene hanging --out file/set", "folder_unusable"),
+        ("capture import frames --camera camera.json --fabric a --scene hanging --out frames", "folder_in_use"),
+        ("capture record --fabric a --scene hanging --out file/set", "folder_unusable"),
+        ("train --store s.zarr --out file/model", "folder_missing"),
+        ("train --store s.zarr --out model --tensorboard file/events", "folder_unusable"),
+        ("rank p.json library.json --figure in.png", "output_is_folder"),
+        ("study export study_0 --out in.csv", "output_is_folder"),
+        ("study make library.json --shared 30", "triplets_shared"),
+        ("dataset inspect s.zarr --figures file/figures", "folder_unusable"),
+    ],
+)
+def test_bad_places_are_found_before_the_work(
+    place: Path, command: str, code: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(place.rglob("*"))
+    assert main.run([*command.split(), "--json"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert captured.err.endswith(f"[{code}]\n")
+    assert sorted(place.rglob("*")) == before
+
+
+def test_a_cache_that_cannot_be_is_found_before_the_diagnosis(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(place / "file"))
+    for command in ("diagnose set --out report", "blind score check"):
+        assert main.run(command.split()) == 2
+        error = capsys.readouterr().err
+        assert "DRAPEMETER_CACHE" in error and "[folder_unusable]" in error
+
+
+@pytest.mark.parametrize("target", ["file", "file/inner/deep", "broken", "broken/inner"])
+def test_folders_that_cannot_be_made(place: Path, target: str) -> None:
+    (place / "broken").symlink_to(place / "nowhere")
+    with pytest.raises(InputError, match="name another"):
+        check_folder(Path(target), "name another")
+    with pytest.raises(InputError, match="name a"):
+        check_file(Path(target) / "page.md")
+
+
+def test_folders_that_can_be_made_are_not_made(place: Path) -> None:
+    check_folder(Path("new/inner"), "name another")
+    check_file(Path("new/inner/page.md"))
+    check_folder(Path(), "name another")
+    assert not (place / "new").exists()
+
+
+def test_a_folder_without_permission(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(InputError, match="cannot be written to"):
+        check_folder(place / "new", "name another")
