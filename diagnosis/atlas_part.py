@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from capture.capture_set import CaptureSet
 from diagnosis.drape_cache import DrapeCache, drape_key
 from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask, see_state
-from diagnosis.preparation import prepare_tasks
+from diagnosis.planned import planned_tasks
 from diagnosis.responses import are_kept
 from diagnosis.scene import SimulationScene
 from diagnosis.simulator import Cost, KeyedDrape, Simulator
@@ -50,13 +50,13 @@ class AtlasPart:
 
 
 def atlas_parts(captures: CaptureSet, effects: tuple[str, ...], resolution_m: float) -> list[AtlasPart]:
-    """All parts for a set's fabrics, scenes and cameras.
+    """All parts for a set's fabrics, scenes and cameras; pictures need not be there where the set states the rest.
 
     Raises:
-        InputError: captures that cannot be used.
+        InputError: see :func:`diagnosis.planned.planned_tasks`.
     """
     parts = []
-    for task in prepare_tasks(captures, effects, resolution_m)[0]:
+    for task in planned_tasks(captures, effects, resolution_m):
         scenes = [capture.scene for capture in task.captures]
         for scene in (s for n, s in enumerate(scenes) if s not in scenes[:n]):
             seeds = range(BASE_SEEDS[scene.setup.scene.value])

@@ -58,7 +58,7 @@ def verify(
     truth = [(e["name"], _size(e)) for e in label["effects"]]
     shrinkage = report["shrinkage"]
     in_numbers = shrinkage is not None and shrinkage["unit"] != "mm"
-    floor = 1e-3 * (report["gap"] if shrinkage is None or in_numbers else shrinkage)["noise_floor"]
+    floor = 1e-3 * (report["gap"]["noise_floor"] if shrinkage is None or in_numbers else shrinkage["repeats"])
     fraction, true_fraction = closed(folder, (found, truth), cache, in_numbers=in_numbers, floor_m=floor)
     covered = None
     if shrinkage is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -13,27 +13,27 @@ from diagnosis.block import Block, PixelBlock, make_block, make_pixel_block
 from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
 from diagnosis.detection import detect
 from diagnosis.drape_cache import DrapeCache
-from diagnosis.effect import SCALAR, Stage
+from diagnosis.effect import SCALAR
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.fabric_task import FabricResult, explain_fabric
+from diagnosis.folds import folds_of
 from diagnosis.fresh import FreshLook, Sized
 from diagnosis.groups import group_of
 from diagnosis.isolability import not_separable
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
 from diagnosis.preparation import prepare_tasks
-from diagnosis.reference import cell_centres
 from diagnosis.refinement import look_again
 from diagnosis.refutation import judged
-from diagnosis.regions import region_gaps
 from diagnosis.repeats import pin_scatter
-from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport, StageName
+from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport
 from diagnosis.shrinkage import Held, Judge, measure_shrinkage
 from diagnosis.shrinkage_report import complete
 from diagnosis.simulator import Cost, Simulator
 from diagnosis.subtract import pixels_without, without
 from diagnosis.together import look_together
 from diagnosis.version import MODEL_VERSION
+from diagnosis.where import where_gaps
 from diagnosis.workers import ALONE, Workers
 from simcore.errors import InputError
 
@@ -193,17 +193,15 @@ class _Conclusion:
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
         cause = name_cause(self.effects, blocks, pixels, self.model)
 
-        def pixels_of(fabrics: Set[str]) -> PixelBlock:
-            return _pixels([r for r in results if r.task.id in fabrics], noise)
-
+        folds = folds_of(results, blocks, noise)
         judge = Judge(looks, self.workers)
-        cause, measured = judged(
-            cause, lambda c: measure_shrinkage(c, self.effects, blocks, pixels_of, self.model, judge)
-        )
+        cause, measured = judged(cause, lambda c: measure_shrinkage(c, self.effects, folds, pixels, self.model, judge))
+        if cause.named and measured is None:
+            assumed = (*assumed, "one capture alone: none is held out, so how far the gap shrinks was not measured")
         cost = _cost(results, looks)
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),
-            where=region_gaps(blocks, cell_centres(), _stage(cause), self.model.degrees, self.model.dimension_share),
+            where=where_gaps(blocks, pixels, cause, self.model),
             cause=_cause_report(cause, blocks, pixels, self.model),
             shrinkage=None if measured is None else complete(measured, looks, lpips=lpips),
             parameters_refitted=True,
@@ -256,15 +254,6 @@ def _cost(results: Sequence[FabricResult], looks: Mapping[str, FreshLook]) -> Co
     for account in (*(r.cost for r in results), *(look.simulator.cost for look in looks.values())):
         cost.add(account)
     return cost
-
-
-def _stage(cause: Cause) -> StageName:
-    """Stage of the most probable effect."""
-    stages: dict[Stage, float] = dict.fromkeys(Stage, 0.0)
-    for name, probability in cause.probabilities.items():
-        if name not in NOT_EFFECTS:
-            stages[get_effect(name).stage] += probability
-    return max(stages, key=lambda stage: stages[stage]).value
 
 
 def _cause_report(cause: Cause, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> CauseReport:

@@ -86,6 +86,7 @@ class Effect:
         random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
         places: further components, set together: where or which way; tried one after the other, equally probable. The
             first one is the default.
+        where: what the places' components say, in words, for the page of the catalogue.
         holds: the cloth rests wherever it was put and any capture fits; not looked at again, and no half of a pair.
         white: it changes pixels one by one and not their mean over a cell.
         vague: pixel statistics that it changes by more or less, as chance has it.
@@ -109,6 +110,7 @@ class Effect:
     twin: Twin | None = None
     vanishes_at_zero: bool = True
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
+    where: str = ""
 
     @property
     def moves_cloth(self) -> bool:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.advice import advice
 from diagnosis.block import Block
-from diagnosis.cause import NOT_EFFECTS, Cause
+from diagnosis.cause import Cause
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, CaptureTask
 from diagnosis.reference import CELLS
 from diagnosis.shrinkage import refitted_residual, response_of, sized
+from diagnosis.where_figure import SURE, png_text, where_picture
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
 MOST_PICTURES = 6
@@ -42,6 +42,8 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
         sentence=sentence(diagnosis),
         todo=advice(diagnosis),
         pictures=_pictures(diagnosis),
+        where=_where(diagnosis),
+        sure=SURE,
         assumed=diagnosis.assumed,
         bars=_bars(diagnosis),
     )
@@ -77,24 +79,11 @@ def sentence(diagnosis: Diagnosis) -> str:
     return text
 
 
-def advice(diagnosis: Diagnosis) -> list[str]:
-    """What a user can do next."""
-    report = diagnosis.report
-    lines = []
-    if report.cause.not_separable_from:
-        lines.append(
-            f"To tell {report.cause.top} from {', '.join(report.cause.not_separable_from)}, capture the same samples "
-            "again from another distance, with another pin distance, or fabrics of other weight."
-        )
-    scenes = {c.scene for r in diagnosis.results for c in r.captures}
-    if "stretch" not in scenes:
-        lines.append("Add captures of the stretch scene: it repeats far better than hanging and carries the diagnosis.")
-    if len(diagnosis.results) == 1:
-        lines.append("Add other fabrics: with one, a wrong parameter and a missing effect look alike.")
-    if report.cause.top not in NOT_EFFECTS:
-        stage = get_effect(report.cause.top).stage.value
-        lines.append(f"Check the {stage} stage: {get_effect(report.cause.top).hook}.")
-    return lines
+def _where(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """A picture of every scene's rows."""
+    scenes = sorted({block.scene for block in diagnosis.blocks}, reverse=True)
+    rows = diagnosis.report.where
+    return [{"title": scene, "data": where_picture(scene, diagnosis.blocks, rows)} for scene in scenes]
 
 
 def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
@@ -177,9 +166,7 @@ def _picture(
         figure.colorbar(drawn, ax=axis, shrink=0.8)
     for axis in axes:
         axis.set_axis_off()
-    content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=70)
-    return base64.b64encode(content.getvalue()).decode()
+    return png_text(figure)
 
 
 def _height(depth: NDArray[np.float64], far: float) -> NDArray[np.float64]:

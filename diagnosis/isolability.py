@@ -126,17 +126,32 @@ def not_separable(
     return tuple(sorted(s.other for s in found if s.nats < SEPARABLE_NATS))
 
 
+def own_nats(
+    sizes: Mapping[str, Mapping[str, float]], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel
+) -> dict[str, float]:
+    """Log likelihood by which each effect, at a given size, is expected to win against no effect."""
+    signature = Signature(blocks, pixels, model.dimension_share)
+    targets = {name: signature.of(get_effect(name), size) for name, size in sizes.items()}
+    return {name: 0.5 * float(target @ target) for name, target in targets.items()}
+
+
 @dataclass(frozen=True)
 class Isolability:
     """What captures of some fabrics and scenes can tell apart; from simulations alone.
 
     Attributes:
-        pairs: every effect, at a typical size, against every other one, the worst first.
+        pairs: every effect but those left out, at a typical size, against every other one, the worst first; an effect
+            that changes nothing at all in these scenes has none.
         scenes: the scenes that were analysed.
+        own_nats: the same effects against no effect.
+        left_out: effects that differ from repeat to repeat: they widen the scatter in no direction of their own, and
+            whether one is there hangs on the number of repeats.
     """
 
     pairs: tuple[Separation, ...]
     scenes: tuple[str, ...]
+    own_nats: Mapping[str, float]
+    left_out: tuple[str, ...] = ()
 
     def confused(self) -> tuple[Separation, ...]:
         """The pairs that cannot be told apart."""
@@ -144,7 +159,7 @@ class Isolability:
 
     def invisible(self) -> tuple[str, ...]:
         """Effects whose own response drowns in the errors."""
-        return tuple(sorted({p.effect for p in self.pairs if p.own_nats < SEPARABLE_NATS}))
+        return tuple(sorted(name for name, nats in self.own_nats.items() if nats < SEPARABLE_NATS))
 
 
 def analyse(
@@ -156,18 +171,26 @@ def analyse(
 ) -> Isolability:
     """Before (or without) looking at what the captures show: fabrics, scenes, camera and sensor as the set states them.
 
+    No picture need be there where the set states parameters, density and pose (:mod:`diagnosis.planned`).
+
+    Args:
+        captures: taken or planned.
+        effects: names; those that differ from repeat to repeat are left out.
+        resolution_m: wanted edge of a mesh cell.
+        cache: of simulations.
+        on_fabric: called with 1 for every fabric.
+
     Raises:
-        InputError: captures that cannot be used.
+        InputError: captures that cannot be used, or a plan that does not state what pictures would have to tell.
         SimulationError: simulations that do not come to rest.
     """
     from diagnosis.base_state import picture_of
     from diagnosis.fabric_task import CaptureTask, base_states, explain_fabric
-    from diagnosis.preparation import prepare_tasks
+    from diagnosis.planned import planned_tasks
     from diagnosis.simulator import Simulator
 
-    tasks, _ = prepare_tasks(captures, effects, resolution_m)
     results = []
-    for task in tasks:
+    for task in planned_tasks(captures, effects, resolution_m):
         simulator = Simulator(cache)
         shown: list[CaptureTask] = []
         for capture in task.captures:
@@ -179,16 +202,22 @@ def analyse(
         results.append(explain_fabric(replace(task, captures=tuple(shown)), cache))
         if on_fabric is not None:
             on_fabric(1.0)
-    noise = NoiseModel()
+    noise, model = NoiseModel(), LikelihoodModel()
     found = [c for r in results for c in r.captures]
     blocks = [
         make_block([c for c in r.captures if c.scene == scene], r.task.relative_sigma, noise)
         for r in results
         for scene in sorted({c.scene for c in r.captures})
     ]
+    pixels = make_pixel_block(found, noise)
     typical = {name: get_effect(name).typical() for name in effects if not get_effect(name).random_repeats}
-    pairs = separations(typical, blocks, make_pixel_block(found, noise), LikelihoodModel())
-    return Isolability(tuple(sorted(pairs, key=lambda p: p.nats)), tuple(sorted({b.scene for b in blocks})))
+    pairs = separations(typical, blocks, pixels, model)
+    return Isolability(
+        tuple(sorted(pairs, key=lambda p: p.nats)),
+        tuple(sorted({b.scene for b in blocks})),
+        own_nats(typical, blocks, pixels, model),
+        tuple(name for name in effects if name not in typical),
+    )
 
 
 REMEDIES: Mapping[frozenset[str], str] = MappingProxyType(

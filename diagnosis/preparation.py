@@ -51,7 +51,7 @@ def prepare_tasks(
         own = captures.of_fabric(fabric_id)
         if not own:
             continue
-        parameters, sigma = _parameters(fabric, [prepared[c.id] for c in own], assumed)
+        parameters, sigma = stated_parameters(fabric, [prepared[c.id] for c in own], assumed)
         cell = cell_size(own[0].setup.sample_size_m, resolution_m)
         items = []
         for capture in own:
@@ -64,12 +64,12 @@ def prepare_tasks(
             )
             depth = ready.depth if capture.setup.panel else np.where(ready.region.mask, ready.depth, np.float32(0.0))
             posed = capture.camera_from_panel is not None
-            items.append(CaptureTask(capture.id, capture.repeat, depth, scene, _sensor_known(capture), posed))
+            items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), posed))
         assumed += _recut(fabric_id, own, items)
         tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
     if any(c.camera_from_panel is None for c in captures.captures):
         assumed.append("the camera's pose was found in the pictures: errors of pose and axial sensor errors are hidden")
-    if not all(_sensor_known(c) for c in captures.captures):
+    if not all(sensor_known(c) for c in captures.captures):
         assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
     return tasks, assumed
 
@@ -99,13 +99,18 @@ def _recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureT
     ]
 
 
-def _sensor_known(capture: Capture) -> bool:
+def sensor_known(capture: Capture) -> bool:
+    """The set states the sensor's noise."""
     return capture.sensor is not None and capture.sensor.range_noise_m is not None
 
 
-def _parameters(
+def stated_parameters(
     fabric: FabricDocument, prepared: Sequence[PreparedCapture], assumed: list[str]
 ) -> tuple[FabricParameters, tuple[float, ...]]:
+    """A fabric's parameters and their relative uncertainty [7], as stated or estimated from its captures.
+
+    What had to be assumed is appended to ``assumed``.
+    """
     density, density_cv = fabric.density, fabric.density_cv
     if density is None:
         assumed.append(f"fabric {fabric.id}: no density; taken as {TYPICAL_DENSITY_KG_M2} kg/m², give or take a half")

@@ -33,8 +33,13 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
             alone = measure(single)
             if alone is not None and is_needless(measured.shrinkage, alone.shrinkage):
                 cause, measured = single, alone
-    if measured is not None and is_refuted(measured.shrinkage):
-        cause, measured = cause.refuted(), None
+    tried: set[str] = set()
+    while measured is not None and is_refuted(measured.shrinkage):
+        tried |= set(cause.named)
+        cause = cause.refuted()
+        while cause.named and set(cause.named) <= tried:  # a tenth of its probability may still be the most
+            cause = cause.refuted()
+        measured = measure(cause) if cause.named else None
     return cause, measured
 
 

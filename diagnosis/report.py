@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 FORMAT: Final = "drape-gap-report/1"
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Region = Literal["pins", "top_edge", "sides", "hem", "interior", "panel", "all"]
+Kind = Literal["pixels", "panel_plane", "low_order", "folds", "all"]
 StageName = Literal["fabric", "setup", "environment", "camera", "sensor"]
 
 
@@ -27,7 +28,21 @@ class Gap(_Model):
 
 
 class RegionGap(_Model):
-    """The gap in one region of one scene."""
+    """One part of one scene's gap; :mod:`diagnosis.where` says how its numbers are computed.
+
+    Attributes:
+        scene: of the captures.
+        region: of the cloth; ``all`` in rows by kind or stage.
+        stage: of a row by stage, that stage; else where what explains the row best sits: a named effect, or the
+            leading effect of a stage.
+        gap, noise_floor: in ``unit``.
+        p_adjusted: for the number of rows of the report.
+        by: what the row is one of.
+        kind: spatial kind; ``all`` in rows by region or stage.
+        unit: ``mm`` or ``standard deviations``.
+        effect: what ``stage`` rests on; None where no effect that was tried explains anything of the row.
+        explained: share of the row's squared difference that this effect takes away, at its fitted size.
+    """
 
     scene: Literal["hanging", "stretch"]
     region: Region
@@ -35,6 +50,11 @@ class RegionGap(_Model):
     gap: float
     noise_floor: float
     p_adjusted: Probability
+    by: Literal["region", "kind", "stage"] = "region"
+    kind: Kind = "all"
+    unit: str = "mm"
+    effect: str | None = None
+    explained: Probability = 0.0
 
 
 class FoundEffect(_Model):
@@ -83,6 +103,15 @@ class Perceived(_Model):
     captures: int
 
 
+class SeenDepth(_Model):
+    """The same in millimetres of depth, pixel by pixel, where camera or sensor are what was found."""
+
+    before: float
+    after: float
+    noise_floor: float | None
+    captures: int
+
+
 class RefittedParameters(_Model):
     """Ordinary parameters of a held-out fabric, refitted without and with the effect."""
 
@@ -92,7 +121,11 @@ class RefittedParameters(_Model):
 
 
 class Shrinkage(_Model):
-    """How far the gap shrinks on held-out captures once the effect is added."""
+    """How far the gap shrinks on held-out captures once the effect is added.
+
+    ``fraction`` = (before - after) / (before - noise_floor). ``noise_floor`` is ``repeats``, the scatter of repeats, or
+    what is left where that is less.
+    """
 
     held_out: tuple[str, ...]
     before: float
@@ -101,11 +134,13 @@ class Shrinkage(_Model):
     fraction: float
     interval_90: tuple[float, float]
     unit: str = "mm"
+    repeats: float | None = None
     simulated_afresh: bool = False
     control: Control | None = None
     regions: tuple[RegionShrinkage, ...] = ()
     parameters: tuple[RefittedParameters, ...] = ()
     perceived: Perceived | None = None
+    depth: SeenDepth | None = None
     note: str | None = None
 
 

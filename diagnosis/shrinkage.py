@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from diagnosis.block import Block, PixelBlock
 from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
+from diagnosis.folds import Fold
 from diagnosis.fresh import FreshLook, Sized
 from diagnosis.groups import group_of
 from diagnosis.likelihood import LikelihoodModel
@@ -27,7 +28,6 @@ Array = NDArray[np.float64]
 PLAIN = 3.0
 """Standard deviations beyond which a shared number shows an effect."""
 DRAWS = 400
-PixelsOf = Callable[[Set[str]], PixelBlock]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Judge:
 
     def prepare(self, blocks: Sequence[Block], effects: Mapping[str, Sequence[Sized]]) -> None:
         """Simulate what :meth:`response` will be asked for: of the blocks, by fabric the effects."""
-        if self.workers.count <= 1 or not self.looks:
+        if self.workers.count <= 1 or not effects.keys() <= self.looks.keys():
             return
         wanted = [
             (
@@ -168,63 +168,74 @@ class Held:
 
 @dataclass(frozen=True)
 class Measured:
-    """A shrinkage with the blocks that it rests on (none where it is judged by shared numbers)."""
+    """A shrinkage with what it rests on.
+
+    Attributes:
+        shrinkage: it.
+        held: blocks that it was measured on; none where it is judged by shared numbers.
+        seen: those then, which show in depth what the numbers say; without squares, parameters as stated.
+    """
 
     shrinkage: Shrinkage
     held: tuple[Held, ...]
+    seen: tuple[Held, ...] = ()
 
 
 def measure_shrinkage(
     cause: Cause,
     effects: tuple[str, ...],
-    blocks: list[Block],
-    pixels_of: PixelsOf,
+    folds: Sequence[Fold],
+    pixels: PixelBlock,
     model: LikelihoodModel,
     judge: Judge = Judge({}),
 ) -> Measured | None:
-    """Fabric by fabric: each is judged with the effect named and fitted on the others.
+    """Fold by fold: each is judged with the effect named and fitted on the others.
 
     Only ``stretch`` counts where there is any, as for the gap: ``hanging`` shows which folds fell rather than what is
     missing. What camera and sensor change is no shape: it is judged by the numbers that a set shares (pixel statistics,
     the panel's plane), in standard deviations, where they show it.
 
     Args:
-        cause: found on all fabrics.
+        cause: found on everything.
         effects: names that were tried.
-        blocks: of all fabrics.
-        pixels_of: pixel block of some fabrics, by their ids.
+        folds: what is held out in turn.
+        pixels: what the whole set shares.
         model: see there.
         judge: simulates what is found.
 
     Returns:
-        None when no effect is named or there is only one fabric.
+        None when no effect is named or nothing can be held out.
     """
-    fabrics = sorted({b.fabric for b in blocks})
-    if cause.top in NOT_EFFECTS or len(fabrics) < 2:
+    if cause.top in NOT_EFFECTS or not folds:
         return None
-    numbers = pixels_of(set(fabrics)).measured
+    numbers = pixels.measured
     in_numbers = all(get_effect(name).stage in (Stage.CAMERA, Stage.SENSOR) for name in cause.named)
     in_numbers = in_numbers and len(numbers) > 0 and float(np.max(np.abs(numbers))) > PLAIN
+    blocks = [block for fold in folds for block in fold.held]
     judged = [b for b in blocks if in_numbers or b.scene == "stretch"] or blocks
     rows: list[Array] = []
     shown: list[Held] = []
+    seen: list[Held] = []
     wrong: list[str] = []
     causes: dict[str, Cause] = {}
-    for held in fabrics:
-        other = set(fabrics) - {held}
-        train = [b for b in blocks if b.fabric in other]
-        causes[held] = name_cause(effects, train, pixels_of(other), model, pairs=len(cause.named) > 1)
+    turns = {fold.name: fold for fold in folds if any(block is one for block in fold.held for one in judged)}
+    for name, fold in turns.items():
+        causes[name] = name_cause(effects, fold.rest, fold.rest_pixels, model, pairs=len(cause.named) > 1)
     if not in_numbers:
-        judge.prepare(judged, {held: sized(found) for held, found in causes.items()})
-    for held, found in causes.items():
+        judge.prepare(judged, {name: sized(found) for name, found in causes.items()})
+    for name, found in causes.items():
+        fold = turns[name]
         rival = most_flexible_wrong(found, cause)
         wrong.append(rival[0] if rival else "none")
         if in_numbers:
-            rows.append(_pixel_row(pixels_of({held}), found, rival))
+            rows.append(_pixel_row(fold.held_pixels, found, rival))
+            seen += [_unmoved(block, sized(found)) for block in fold.held]
         else:
-            shown += [hold_out(block, sized(found), rival, judge) for block in judged if block.fabric == held]
+            own = [pair for pair in zip(fold.held, fold.whole, strict=True) if any(pair[0] is one for one in judged)]
+            shown += [hold_out(block, sized(found), rival, judge, whole) for block, whole in own]
     rows += [one.squares for one in shown]
-    return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, bool(judge.looks)), tuple(shown))
+    best = tuple(one for one in seen if one.block.scene == "stretch") or tuple(seen)
+    return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, bool(judge.looks)), tuple(shown), best)
 
 
 def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:
@@ -255,7 +266,8 @@ def _summarise(rows: Array, judged: Sequence[Block], wrong: list[str], in_number
         held_out=tuple(sorted(capture for block in judged for capture in block.captures)),
         before=float(values[0]),
         after=float(values[1]),
-        noise_floor=float(values[2]),
+        noise_floor=float(min(values[1:3])),
+        repeats=float(values[2]),
         fraction=fraction_of(everything),
         interval_90=_for_few(fraction_of(everything), np.quantile(draws, [0.05, 0.95]), len(rows)),
         unit="standard deviations" if in_numbers else "mm",
@@ -278,11 +290,23 @@ def _for_few(value: float, interval: Array, count: int) -> tuple[float, float]:
     return min(low, value), max(high, value)
 
 
-def hold_out(block: Block, effects: Sequence[Sized], rival: Sized | None, judge: Judge) -> Held:
-    """Judge a block with effects that were found without it, and with a wrong one."""
+def hold_out(
+    block: Block, effects: Sequence[Sized], rival: Sized | None, judge: Judge, whole: Block | None = None
+) -> Held:
+    """Judge a block with effects that were found without it, and with a wrong one.
+
+    Args:
+        block: what is held out.
+        effects: found without it.
+        rival: the wrong one.
+        judge: simulates them.
+        whole: the block with the repeats that are not held out, too, whose scatter is the floor; the block by default.
+    """
     before = refit(block, np.zeros(len(block.owner)))
     after = refit(block, judge.response(block, effects))
     control = refit(block, block.metres(_whitened(block, [rival] if rival else [])))
+    repeats = block if whole is None else whole
+    scattered = before.left if repeats is block else refit(repeats, np.zeros(len(repeats.owner))).left
     masks = region_of_cells(block.scene, cell_centres())
     rows = []
     for region in REGIONS:
@@ -290,11 +314,17 @@ def hold_out(block: Block, effects: Sequence[Sized], rival: Sized | None, judge:
         if not chosen.any():
             rows.append([np.nan] * 4)
             continue
-        floor = repeat_squares(block, before.left, chosen)
+        floor = repeat_squares(repeats, scattered, masks[region][repeats.cell])
         least = float(np.mean(before.variance[chosen])) if floor is None else floor
         squares = [float(np.mean(found.left[chosen] ** 2)) for found in (before, after, control)]
         rows.append([squares[0], squares[1], least, squares[2]])
     return Held(block, tuple(effects), np.array(rows), before.deviation, after.deviation)
+
+
+def _unmoved(block: Block, effects: Sequence[Sized]) -> Held:
+    """A block with effects that were found without it and that move no cloth: its parameters stay."""
+    count = len(block.jacobian)
+    return Held(block, tuple(effects), np.zeros((0, 4)), np.zeros(count), np.zeros(count))
 
 
 def _pixel_row(pixels: PixelBlock, found: Cause, rival: Sized | None) -> Array:
@@ -315,7 +345,10 @@ def numbers_left(pixels: PixelBlock, effects: Sequence[Sized]) -> float:
 
 
 def fraction_of(squares: Array) -> float:
-    """Share of the gap above the floor that goes away, by the root mean square over blocks, [blocks, 3 or more]."""
+    """Share of the gap above the floor that goes away, by the root mean square over blocks, [blocks, 3 or more].
+
+    Not above 1: what is left may be less than the floor, which then counts as no more. -1 where nothing is above it.
+    """
     before, after, floor = np.sqrt(np.mean(squares, axis=0))[:3]
-    floor = min(floor, after)
-    return float(np.clip((before - after) / max(before - floor, 1e-9), -1.0, 1.0))
+    above = before - min(floor, after)
+    return float((before - after) / above) if above > 0.0 else -float(after > before)

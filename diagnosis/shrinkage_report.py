@@ -6,13 +6,14 @@ from collections.abc import Mapping
 
 from diagnosis.fresh import FreshLook
 from diagnosis.report import RefittedParameters, Shrinkage
+from diagnosis.seen_depth import seen_depth
 from diagnosis.shrinkage import Held, Measured
 from simcore.errors import MissingResourceError
 from simcore.parameters import FabricParameters
 
 
 def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool) -> Shrinkage:
-    """The shrinkage with refitted parameters, and in LPIPS where that is wanted and can be.
+    """The shrinkage with refitted parameters or in depth, and in LPIPS where that is wanted and can be.
 
     Args:
         measured: the shrinkage and the blocks that were held out.
@@ -22,7 +23,8 @@ def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool)
     from diagnosis.perception import perceived, refitted
 
     made = measured.shrinkage
-    if not looks or not measured.held:
+    shown = measured.held or measured.seen
+    if not looks or not shown:
         return made
     parameters = tuple(
         RefittedParameters(
@@ -33,9 +35,11 @@ def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool)
         for one in _first_of_each(measured.held)
     )
     changes: dict[str, object] = {"parameters": parameters}
+    if measured.seen:
+        changes["depth"] = seen_depth(measured.seen, looks)
     if lpips:
         try:
-            changes["perceived"] = perceived(measured.held, looks)
+            changes["perceived"] = perceived(shown, looks)
         except MissingResourceError as error:
             changes["note"] = f"not measured in LPIPS: {error}"
     return made.model_copy(update=changes)

@@ -23,5 +23,6 @@ EFFECT = Effect(
     source="Bending hysteresis of Kawabata's tester; internal friction.",
     change=change,
     places=({"seed": 1.0}, {"seed": 2.0}, {"seed": 3.0}),
+    where="`seed` chooses the random pattern; in captures every repeat has another one",
     random_repeats=True,
 )

@@ -23,4 +23,6 @@ EFFECT = Effect(
     source="Samples that come folded by post.",
     change=change,
     places=({"down": 1.0, "position": 0.5}, {"down": 0.0, "position": 0.5}),
+    where="`down` 1: a line from top to bottom, `position` from the left as a share of the width; "
+    "`down` 0: a line from side to side, `position` from the top as a share of the height",
 )

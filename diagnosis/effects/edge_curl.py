@@ -23,4 +23,5 @@ EFFECT = Effect(
     source="Curl of single jersey knits.",
     change=change,
     places=({"width_m": 0.025}, {"width_m": 0.045}),
+    where="`width_m`: width of the strip [m]",
 )

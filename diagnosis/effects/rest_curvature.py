@@ -23,4 +23,5 @@ EFFECT = Effect(
     source="Cloth stored on a roll; knitted fabrics.",
     change=change,
     places=({"weft": 1.0, "warp": 0.0}, {"weft": 0.0, "warp": 1.0}, {"weft": 1.0, "warp": 1.0}),
+    where="`weft`, `warp`: 1 where it is bent along these yarns, 0 where not",
 )

@@ -23,4 +23,5 @@ EFFECT = Effect(
     source="Spatial filters of depth camera drivers.",
     change=change,
     places=({"after_noise": 1.0}, {"after_noise": 0.0}),
+    where="`after_noise` 1: a filter blurs the noise, too; 0: the optics blur what is there before the noise",
 )

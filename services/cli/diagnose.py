@@ -77,7 +77,7 @@ def diagnose(
         raise InputError("--address is for --build-atlas: a diagnosis itself runs here, on --workers", code="address")
     options = DiagnosisOptions(_names(effects), _names(without), resolution, workers, afresh, lpips)
     options.chosen()
-    captures = CaptureSet.load(capture_set)
+    captures = CaptureSet.load(capture_set, read_pictures=not (isolability or build_atlas))
     if atlas is not None:
         check_folder(atlas, "give --atlas another folder")
     cache = default_cache() if atlas is None else open_atlas(atlas)
@@ -171,6 +171,8 @@ def _isolability(
         console.emit_json(document)
         return
     console.say(f"not visible in {', '.join(found.scenes)}: {', '.join(found.invisible()) or 'none'}")
+    if found.left_out:
+        console.say(f"left out, another one in every repeat: {', '.join(found.left_out)}")
     console.say("effects of typical size that such captures cannot tell apart:")
     for pair in found.confused():
         if pair.effect not in found.invisible():
@@ -186,6 +188,7 @@ def _isolability_json(found: Isolability) -> dict[str, Any]:
         "scenes": list(found.scenes),
         "threshold_nats": SEPARABLE_NATS,
         "invisible": list(found.invisible()),
+        "left_out": list(found.left_out),
         "confused": [
             {"effect": p.effect, "as": p.other, "share_left": p.share, "nats": p.nats, "separated_by": remedy(p)}
             for p in found.confused()

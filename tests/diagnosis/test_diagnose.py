@@ -48,6 +48,14 @@ def test_a_draft_is_named(drafty: GapReport) -> None:
     assert drafty.shrinkage.after < drafty.shrinkage.before
 
 
+def test_the_share_closed_follows_from_the_numbers_beside_it(drafty: GapReport) -> None:
+    found = drafty.shrinkage
+    assert found is not None and found.repeats is not None
+    assert found.fraction == pytest.approx((found.before - found.after) / (found.before - found.noise_floor))
+    assert found.noise_floor == min(found.repeats, found.after)
+    assert found.interval_90[0] <= found.fraction <= found.interval_90[1]
+
+
 def test_two_workers_find_what_one_finds(
     make_set: MakeSet, explain: Diagnose, shelf: DrapeCache, tmp_path: Path
 ) -> None:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import re
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from diagnosis.effect import SCALAR, Stage
+from diagnosis import effect_page, effects
+from diagnosis.effect import SCALAR, Effect, Stage
 from diagnosis.effects import catalogue, get_effect, parse_effect
 from diagnosis.scene import SimulationScene
+from diagnosis.sizes import nodes
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
 
@@ -117,3 +124,124 @@ def test_unusable_effects_are_refused_with_a_code(text: str, code: str) -> None:
 def test_unknown_name_lists_the_catalogue() -> None:
     with pytest.raises(InputError, match=r"air_draft.*stretch_stiffening"):
         get_effect("wind")
+
+
+PAGE = "docs/effects.md"
+Add = Callable[[str, str], None]
+
+
+@pytest.fixture
+def add(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Add]:
+    """``add("pin_height", text)``: a further file of the catalogue, for one test."""
+    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
+    added: list[str] = []
+
+    def write(name: str, text: str) -> None:
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+        added.append(name)
+        catalogue.cache_clear()
+
+    yield write
+    catalogue.cache_clear()
+    for name in added:
+        sys.modules.pop(f"{effects.__name__}.{name}", None)
+        effects.__dict__.pop(name, None)
+
+
+def example(repository: Path) -> str:
+    """The file that the page gives as an example, as people copy it from there."""
+    code = re.findall(r"```python\n(.*?)```", (repository / PAGE).read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert len(code) == 1
+    return str(code[0])
+
+
+def test_the_pages_example_of_an_own_effect_is_in_the_catalogue_by_being_there(add: Add, repository: Path) -> None:
+    assert "pin_height" not in catalogue()
+    add("pin_height", example(repository))
+    assert list(catalogue()) == sorted(catalogue()) and len(catalogue()) == 25
+    effect, size = parse_effect("pin_height=0.004")
+    before = scene()
+    after = effect.apply(before, size)
+    assert all(
+        place == pytest.approx((*before.setup.pins_m[name][:2], 0.004)) for name, place in after.setup.pins_m.items()
+    )
+    assert (after.mechanics, after.camera, after.pose, after.sensor) == (
+        before.mechanics,
+        before.camera,
+        before.pose,
+        before.sensor,
+    )
+    twice = effect.apply(after, 0.001).setup.pins_m["top_left"]
+    assert twice[2] == pytest.approx(0.005)
+    assert effect.stage is Stage.SETUP and effect.moves_cloth and len(nodes(effect)) == 2
+
+
+def test_a_file_without_an_effect_is_refused(add: Add) -> None:
+    add("pin_height", "HEIGHT = 0.004\n")
+    with pytest.raises(InputError, match=r"diagnosis/effects/pin_height\.py has no EFFECT") as caught:
+        catalogue()
+    assert caught.value.code == "effect_file"
+
+
+def test_two_files_with_one_name_are_refused(add: Add, repository: Path) -> None:
+    add("pin_height", example(repository).replace('"pin_height"', '"pin_drop"'))
+    with pytest.raises(InputError, match="two files define the effect 'pin_drop'") as caught:
+        catalogue()
+    assert caught.value.code == "effect_duplicate"
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_every_place_is_explained(name: str) -> None:
+    effect = get_effect(name)
+    keys = set(effect.places[0])
+    assert all(set(place) == keys for place in effect.places)
+    assert all(f"`{key}`" in effect.where or f"`{key} " in effect.where for key in keys)
+    assert bool(effect.where) == bool(keys)
+
+
+def test_the_page_is_what_the_command_writes(repository: Path, tmp_path: Path) -> None:
+    text = (repository / PAGE).read_text(encoding="utf-8")
+    copy = tmp_path / "effects.md"
+    copy.write_text(text, encoding="utf-8")
+    effect_page.main([str(copy), "--text"])
+    assert copy.read_text(encoding="utf-8") == text, "write it again: python -m diagnosis.effect_page --text"
+
+
+def test_the_page_says_sizes_and_places_as_they_are_drawn_and_written(repository: Path) -> None:
+    sections = dict(re.findall(r"^## `(\w+)`(.*?)(?=^## )", (repository / PAGE).read_text(), flags=re.M | re.DOTALL))
+    assert set(sections) == set(catalogue())
+    for name, effect in catalogue().items():
+        assert (repository / "docs" / effect_page.PICTURES / f"{name}.png").exists()
+        written = re.findall(rf"`({name}=\S+)`", sections[name])
+        assert parse_effect(written[-1])[1] == pytest.approx(effect.typical(), rel=0.01)
+        if effect.places[0]:
+            last = {SCALAR: effect.typical()[SCALAR], **effect.places[-1]}
+            assert parse_effect(written[0])[1] == pytest.approx(last, rel=0.01)
+            for place in effect.places:
+                assert f"`{','.join(f'{k}:{v:g}' for k, v in place.items())}`" in sections[name]
+    assert "a vector (rx, ry, rz) of length 0.5 to 2 [deg] in any direction" in sections["camera_rotation"]
+    assert "Size: ±0.5 to 1.5 [rad]." in sections["crease"] and "Size: 8 to 50 [g/m]." in sections["hem_weight"]
+
+
+def test_drawing_says_where_the_colours_end(monkeypatch: pytest.MonkeyPatch, repository: Path, tmp_path: Path) -> None:
+    class Artist:
+        def draw(self, effect: Effect, path: Path) -> float:
+            assert path == tmp_path / effect_page.PICTURES / f"{effect.name}.png"
+            return 0.0123
+
+    monkeypatch.setattr(effect_page, "_Artist", Artist)
+    effect_page.main([str(tmp_path / "effects.md")])
+    drawn = (tmp_path / "effects.md").read_text(encoding="utf-8")
+    kept = (repository / PAGE).read_text(encoding="utf-8")
+    assert drawn == re.sub(r"colours end at \S+ mm", "colours end at 12 mm", kept)
+
+
+def test_text_alone_is_refused_where_an_effect_was_not_drawn(add: Add, repository: Path, tmp_path: Path) -> None:
+    add("pin_height", example(repository))
+    copy = tmp_path / "page" / "effects.md"
+    copy.parent.mkdir()
+    copy.write_text((repository / PAGE).read_text(encoding="utf-8"), encoding="utf-8")
+    with pytest.raises(InputError, match="no picture of pin_height") as caught:
+        effect_page.write_page(copy, draw=False)
+    assert caught.value.code == "effect_not_drawn"
+    assert copy.read_bytes() == (repository / PAGE).read_bytes()

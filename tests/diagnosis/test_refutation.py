@@ -109,6 +109,21 @@ def test_what_is_named_nowhere_has_no_shrinkage() -> None:
     assert refuted.top == "unknown"
 
 
+def test_what_leads_after_a_refutation_is_judged_too() -> None:
+    """A hem is refuted; a curl that was nearly as likely is named then, and has a shrinkage of its own."""
+    names = {"hem_weight": 0.46, "edge_curl": 0.44, "none": 0.05, "unknown": 0.05}
+    evidence = {name: Evidence(name, 0.0, 0.0, {}, {}, {}, 0.0, {}) for name in names}
+    cause = Cause(names, evidence, 10.0, alone=names)
+
+    def measure(one: Cause, curl: float) -> Measured:
+        return Measured(shrinkage(-1.0 if one.named == ("hem_weight",) else curl, 1.0), ())
+
+    kept, measured = judged(cause, lambda one: measure(one, 0.6))
+    assert kept.named == ("edge_curl",) and measured is not None and measured.shrinkage.fraction == 0.6
+    lost, measured = judged(cause, lambda one: measure(one, -1.0))
+    assert lost.named == () and measured is None
+
+
 def test_two_effects_do_not_give_way_to_a_third() -> None:
     cause = two_effects(unknown=0.02, first="pin_spacing")
     third = dataclasses.replace(cause.evidence["none"], name="off_grain")

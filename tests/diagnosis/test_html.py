@@ -1,0 +1,158 @@
+"""What the page of a report shows and advises."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.advice import KIND_CHECKS, REGION_CHECKS, STAGE_CHECKS, advice, strongest
+from diagnosis.cause import Cause, name_cause
+from diagnosis.diagnose import Diagnosis
+from diagnosis.effects import catalogue
+from diagnosis.html import render_html
+from diagnosis.isolability import REMEDIES
+from diagnosis.likelihood import LikelihoodModel
+from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap
+from diagnosis.where import where_gaps
+from tests.diagnosis.where_blocks import CURL, EFFECTS, make_blocks, make_pixels
+
+
+def row(p: float = 0.001, gap: float = 3.0, floor: float = 0.5, **other: Any) -> RegionGap:
+    given = {"scene": "stretch", "region": "all", "stage": "fabric", **other}
+    return RegionGap(gap=gap, noise_floor=floor, p_adjusted=p, **given)
+
+
+def report(top: str, p: float = 0.9, rows: tuple[RegionGap, ...] = (), alike: tuple[str, ...] = ()) -> GapReport:
+    probabilities = dict.fromkeys((*catalogue(), "none", "unknown"), 0.0) | {"pin_spacing": 1.0 - p, top: p}
+    named = () if top in ("none", "unknown") else (top,)
+    effects = tuple(
+        FoundEffect(name=n, stage=catalogue()[n].stage.value, magnitude=1.0, unit="", interval_90=(0.5, 2.0))
+        for n in named
+    )
+    return GapReport(
+        gap=Gap(detected=top != "none", p_value=0.5, value=1.0, noise_floor=0.5),
+        where=rows,
+        cause=CauseReport(probabilities=probabilities, top=top, effects=effects, not_separable_from=alike),
+        shrinkage=None,
+        parameters_refitted=True,
+        cost=CostReport(simulations=1, seconds=1.0),
+        model_version="x",
+    )
+
+
+def advised(told: GapReport, scenes: tuple[str, ...] = ("stretch",), fabrics: int = 2) -> str:
+    captures = [SimpleNamespace(scene=scene) for scene in scenes]
+    made: Any = SimpleNamespace(report=told, results=[SimpleNamespace(captures=captures)] * fabrics)
+    return "\n".join(advice(made))
+
+
+@pytest.mark.parametrize("top", [*catalogue(), "none", "unknown"])
+def test_there_is_something_to_do_next_whatever_was_found(top: str) -> None:
+    assert advised(report(top))
+
+
+def test_of_something_unknown_the_advice_goes_where_the_gap_lies() -> None:
+    rows = (
+        row(by="region", region="hem", gap=2.0),
+        row(by="region", region="pins", gap=4.0),
+        row(by="region", region="interior", gap=9.0, p=0.2),
+        row(by="region", gap=9.0),
+        row(by="region", scene="hanging", region="sides", gap=30.0),
+        row(by="kind", kind="folds", gap=2.0),
+        row(by="kind", kind="low_order", gap=4.0),
+        row(by="stage", stage="setup", effect="pin_drop", unit="standard deviations", gap=8.0, floor=1.0),
+        row(by="stage", stage="camera", effect="camera_rotation", unit="standard deviations", gap=4.0, floor=3.0),
+    )
+    text = advised(report("unknown", rows=rows))
+    for check in (REGION_CHECKS["pins"], KIND_CHECKS["low_order"], STAGE_CHECKS["setup"]):
+        assert check in text
+    assert "pin_drop" in text and "4.0 mm against a floor of 0.5" in text
+    for check in (REGION_CHECKS["hem"], REGION_CHECKS["interior"], REGION_CHECKS["sides"], STAGE_CHECKS["camera"]):
+        assert check not in text
+    assert "not tried" not in text
+
+
+def test_of_something_unknown_that_no_stage_comes_near_to_the_turned_sample_is_asked_for() -> None:
+    text = advised(report("unknown", rows=(row(by="region", region="hem"), row(by="stage", p=0.3, effect="crease"))))
+    assert REGION_CHECKS["hem"] in text and "turned by a quarter" in text and "crease" not in text
+
+
+def test_of_something_unknown_that_shows_nowhere_repeats_are_asked_for() -> None:
+    assert "taken down and hung again" in advised(report("unknown", rows=(row(by="region", region="hem", p=0.4),)))
+
+
+def test_effects_that_were_left_out_are_named_where_the_cause_is_unknown() -> None:
+    told = report("unknown")
+    fewer = {name: p for name, p in told.cause.probabilities.items() if name not in ("crease", "off_grain")}
+    told = told.model_copy(update={"cause": told.cause.model_copy(update={"probabilities": fewer})})
+    assert "crease, off_grain were not tried" in advised(told)
+
+
+def test_of_no_effect_nothing_is_to_be_done_and_isolability_says_what_would_have_shown() -> None:
+    text = advised(report("none"))
+    assert "Nothing needs to be done" in text and "--isolability" in text and "Yet" not in text
+    odd = advised(report("none", rows=(row(by="region", region="hem"),)))
+    assert "Yet hem differs in stretch (3.0 mm against a floor of 0.5)" in odd
+
+
+def test_where_no_effect_is_hardly_likelier_than_one_captures_that_decide_are_asked_for() -> None:
+    told = report("none", p=0.45)
+    cause = told.cause.model_copy(update={"probabilities": told.cause.probabilities | {"pin_spacing": 0.4}})
+    text = advised(told.model_copy(update={"cause": cause}))
+    assert "Add repeats and fabrics" in text and "pin_spacing" in text and "Nothing needs" not in text
+
+
+def test_each_pair_that_captures_do_not_tell_apart_gets_what_separates_it() -> None:
+    text = advised(report("depth_bias", alike=("camera_translation", "depth_scale", "off_grain")))
+    for other in ("camera_translation", "depth_scale"):
+        assert f"To tell depth_bias from {other}: {REMEDIES[frozenset({'depth_bias', other})]}." in text
+    assert "To tell depth_bias from off_grain: capture once more with the sample turned by a quarter." in text
+    draft = advised(report("air_draft", alike=("panel_tilt",)))
+    assert "To tell air_draft from panel_tilt: add fabrics of other weight" in draft
+    assert "To tell" not in advised(report("unknown", alike=("panel_tilt",)))
+
+
+def test_of_two_named_effects_each_is_told_from_its_own_kind() -> None:
+    told = report("depth_scale", alike=("panel_tilt",))
+    draft = FoundEffect(name="air_draft", stage="environment", magnitude=0.2, unit="Pa", interval_90=(0.1, 0.3))
+    cause = told.cause.model_copy(update={"effects": (*told.cause.effects, draft)})
+    assert "To tell air_draft from panel_tilt" in advised(told.model_copy(update={"cause": cause}))
+
+
+def test_a_single_fabric_and_a_missing_stretch_are_asked_for() -> None:
+    text = advised(report("none"), scenes=("hanging",), fabrics=1)
+    assert "stretch scene" in text and "other fabrics" in text
+
+
+def test_rows_beneath_their_floor_are_not_where_the_gap_lies() -> None:
+    assert strongest((row(by="region", region="hem", gap=0.4, floor=0.5),)) == []
+    only = row(by="region", scene="hanging", region="hem")
+    assert strongest((only,)) == [only]
+
+
+@pytest.fixture(scope="module")
+def made() -> Diagnosis:
+    rng = np.random.default_rng(1)
+    blocks, pixels, model = make_blocks(rng, 0.004 * CURL), make_pixels(rng), LikelihoodModel()
+    cause: Cause = name_cause(EFFECTS, blocks, pixels, model)
+    rows = where_gaps(blocks, pixels, cause, model)
+    told = report("edge_curl", rows=rows)
+    return Diagnosis(told, (), tuple(blocks), cause, pixels, ())
+
+
+def test_the_page_shows_regions_kinds_and_stages_in_tables_and_pictures(made: Diagnosis) -> None:
+    page = render_html(made, "a set")
+    lines = re.findall(r"<tr[^>]*>.*?</tr>", page, flags=re.DOTALL)
+    assert len([line for line in lines if re.search("<td>(stretch|hanging)</td>", line)]) == len(made.report.where)
+    for one in made.report.where:
+        cells = {"region": one.region, "kind": one.kind, "stage": one.stage}[one.by]
+        own = [line for line in lines if f"<td>{one.scene}</td><td>{cells}</td>" in line]
+        assert any(f">{one.gap:.2f}<" in line and one.unit in line for line in own), one
+    sides = next(line for line in lines if "<td>stretch</td><td>sides</td>" in line)
+    assert 'class="sure"' in sides and "<td>fabric</td>" in sides and "<td>edge_curl</td>" in sides
+    assert page.count('alt="where, ') == page.count("data:image/png;base64,") == 2
+    assert "What to do next" in page

@@ -1,0 +1,132 @@
+"""How far a gap shrinks on what is held out: other fabrics, else other repeats, else the other scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from capture.capture_set import CaptureSet
+from diagnosis.diagnose import Diagnosis, make_blocks
+from diagnosis.fabric_task import FabricResult
+from diagnosis.folds import folds_of
+from diagnosis.html import render_html
+from diagnosis.noise import NoiseModel
+from diagnosis.shrinkage import Judge, fraction_of, hold_out, repeat_squares
+from tests.diagnosis.conftest import Diagnose, MakeSet
+
+NOISE = NoiseModel()
+
+
+@pytest.fixture(scope="module")
+def noisy(make_set: MakeSet) -> CaptureSet:
+    """Two fabrics, their sensor noisier than stated."""
+    return make_set("range_noise=0.003")
+
+
+@pytest.fixture(scope="module")
+def fabrics(make_set: MakeSet, explain: Diagnose) -> tuple[FabricResult, ...]:
+    """Two fabrics without an effect, two repeats in ``stretch`` each."""
+    return explain(make_set()).results
+
+
+@pytest.fixture(scope="module")
+def only(noisy: CaptureSet, explain: Diagnose) -> Callable[[int], Diagnosis]:
+    """``only(n)``: the first fabric's first ``n`` captures, diagnosed."""
+
+    def run(count: int) -> Diagnosis:
+        own = [c for c in noisy.document.captures if c.fabric == "f1"][:count]
+        return explain(CaptureSet(noisy.folder, noisy.document.model_copy(update={"captures": tuple(own)})))
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "floor", "share"),
+    [
+        (4.0, 1.0, 0.5, 3.0 / 3.5),
+        (4.0, 0.2, 0.5, 1.0),  # what is left is less than the floor
+        (0.5, 1.0, 0.2, -0.5 / 0.3),
+        (0.5, 1.0, 0.6, -1.0),  # nothing was above the floor
+        (1.0, 1.0, 2.0, 0.0),
+    ],
+)
+def test_the_share_is_that_of_the_gap_above_the_floor(before: float, after: float, floor: float, share: float) -> None:
+    squares = np.array([[before, after, floor]]) ** 2
+    assert fraction_of(np.concatenate([squares, squares])) == pytest.approx(share)
+
+
+def test_of_one_fabric_repeats_are_held_out(only: Callable[[int], Diagnosis]) -> None:
+    found = only(2)
+    assert found.cause.named == ("range_noise",)
+    shrinkage = found.report.shrinkage
+    assert shrinkage is not None and shrinkage.held_out == ("f1-stretch-0", "f1-stretch-1")
+    assert shrinkage.fraction > 0.5
+    assert not any("held out" in line for line in found.report.assumed)
+
+
+def test_of_one_capture_nothing_is_and_the_report_says_so(only: Callable[[int], Diagnosis]) -> None:
+    report = only(1).report
+    assert report.cause.top == "range_noise" and report.shrinkage is None
+    assert any("one capture alone: none is held out" in line for line in report.assumed)
+
+
+def test_parts_of_a_set_are_held_out_in_turn(fabrics: tuple[FabricResult, ...]) -> None:
+    both = list(fabrics)
+    blocks = make_blocks(both, NOISE)
+    by_fabric = folds_of(both, blocks, NOISE)
+    assert [fold.name for fold in by_fabric] == ["f1", "f2"]
+    assert by_fabric[0].held == (blocks[0],) == by_fabric[0].whole and by_fabric[0].rest == (blocks[1],)
+
+    one = both[:1]
+    by_repeat = folds_of(one, blocks[:1], NOISE)
+    assert [[b.captures for b in fold.held] for fold in by_repeat] == [[("f1-stretch-0",)], [("f1-stretch-1",)]]
+    assert [[b.captures for b in fold.rest] for fold in by_repeat] == [[("f1-stretch-1",)], [("f1-stretch-0",)]]
+    (whole,) = by_repeat[0].whole
+    assert whole is blocks[0]
+    assert repeat_squares(whole, whole.metres(whole.stated.measured)) is not None
+
+    alone = replace(one[0], captures=one[0].captures[:1])
+    assert folds_of([alone], make_blocks([alone], NOISE), NOISE) == []
+    scenes = in_two_scenes(alone)
+    assert [fold.name for fold in folds_of([scenes], make_blocks([scenes], NOISE), NOISE)] == ["hanging", "stretch"]
+
+
+def in_two_scenes(alone: FabricResult) -> FabricResult:
+    """The one capture as if it were seen in either scene."""
+    (capture,) = alone.captures
+    return replace(alone, captures=(replace(capture, id="other", scene="hanging"), capture))
+
+
+def test_a_single_repeat_is_held_against_the_scatter_of_all(fabrics: tuple[FabricResult, ...]) -> None:
+    """The floor of one capture would else be what the model of errors expects: stated parameters, mesh and all."""
+    one = fabrics[:1]
+    (block,) = make_blocks(one, NOISE)
+    part = folds_of(one, [block], NOISE)[0].held[0]
+    modelled = hold_out(part, [], None, Judge({})).squares[-1, 2]
+    scattered = hold_out(part, [], None, Judge({}), block).squares[-1, 2]
+    assert scattered == pytest.approx(hold_out(block, [], None, Judge({})).squares[-1, 2])
+    assert math.sqrt(scattered) < math.sqrt(modelled)
+
+
+def test_what_a_camera_or_sensor_changes_shrinks_in_depth_too(make_set: MakeSet, explain: Diagnose) -> None:
+    """Depths 2 % too long: 18 mm at 0.9 m, of which folds and edges are left."""
+    diagnosis = explain(make_set("depth_scale=0.02"))
+    assert "In millimetres of depth, pixel by pixel" in render_html(diagnosis, "scaled")
+    found = diagnosis.report.shrinkage
+    assert found is not None and found.unit == "standard deviations"
+    depth = found.depth
+    assert depth is not None and depth.captures == 4
+    assert depth.before == pytest.approx(18.0, abs=1.5)
+    assert depth.after < 0.4 * depth.before  # fold by fold the repeats differ by 4 mm, too
+    assert depth.noise_floor is not None and 1.0 < depth.noise_floor < 6.0
+    assert found.parameters == ()
+
+
+def test_noise_of_pixels_does_not_shrink_in_depth(only: Callable[[int], Diagnosis]) -> None:
+    found = only(2).report.shrinkage
+    assert found is not None and found.depth is not None
+    assert found.depth.before == found.depth.after > 2.5
