@@ -88,7 +88,8 @@ class Effect:
             first one is the default.
         where: what the places' components say, in words, for the page of the catalogue.
         holds: the cloth rests wherever it was put and any capture fits; not looked at again, and no half of a pair.
-        white: it changes pixels one by one and not their mean over a cell.
+        white: it changes pixels one by one, as chance has it: their mean over a cell changes otherwise in each picture,
+            and nothing is said of it.
         vague: pixel statistics that it changes by more or less, as chance has it.
         twin: an effect that differs from it only in how its sizes go with the fabrics' density.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.

@@ -58,7 +58,7 @@ class Judge:
 
     def response(self, block: Block, effects: Sequence[Sized]) -> Array:
         """Change of a block's measurements by effects together [m], [n]."""
-        shown = [(name, size) for name, size in effects if not get_effect(name).random_repeats]
+        shown = on_shapes(effects)
         if not shown:
             return np.zeros(len(block.owner))
         look = self.looks.get(block.fabric)
@@ -72,11 +72,16 @@ class Judge:
 def _looked_at(wanted: tuple[FreshLook, list[str], list[Sized]]) -> FreshLook:
     """A fabric with some effects on, simulated for some of its captures."""
     look, captures, effects = wanted
-    shown = [(name, size) for name, size in effects if not get_effect(name).random_repeats]
+    shown = on_shapes(effects)
     for capture in look.result.captures:
         if shown and capture.id in captures:
             look.drape(capture, shown)
     return look
+
+
+def on_shapes(effects: Sequence[Sized]) -> list[Sized]:
+    """Those that change a cell in all captures alike: not by chance, from repeat to repeat or from pixel to pixel."""
+    return [(name, size) for name, size in effects if not (get_effect(name).random_repeats or get_effect(name).white)]
 
 
 def sized(cause: Cause) -> list[Sized]:

@@ -138,6 +138,8 @@ def _sensed_with_both(look: FreshLook, capture: CaptureResult, pair: Pair) -> tu
 
     still = seen()
     taken = [response_to({pair.first: rows}, pair.first, first[pair.first]) for rows in effects[pair.first]]
+    if get_effect(pair.first).white:  # its response moves no cell; this one draw of chance does
+        taken[0] = clean(seen(*first.items())[0] - still[0])
     rows = []
     for size in nodes(second):
         both = seen(*first.items(), (pair.second, size))

@@ -20,4 +20,5 @@ EFFECT = Effect(
     hook="sensor.flying_pixels",
     source="Mixed pixels of depth cameras.",
     change=change,
+    white=True,
 )

@@ -109,7 +109,7 @@ def test_in_hanging_a_response_that_is_contradicted_costs_no_more_than_folds_tha
 
 def test_effects_that_change_pixels_one_by_one_are_of_the_sensor() -> None:
     white = {name for name, effect in catalogue().items() if effect.white}
-    assert white == {"range_noise", "dropout", "quantisation"}
+    assert white == {"range_noise", "dropout", "quantisation", "edge_flying_pixels"}
     assert not any(get_effect(name).moves_cloth for name in white)
 
 

@@ -15,7 +15,7 @@ from diagnosis.fabric_task import FabricResult
 from diagnosis.folds import folds_of
 from diagnosis.html import render_html
 from diagnosis.noise import NoiseModel
-from diagnosis.shrinkage import Judge, fraction_of, hold_out, repeat_squares
+from diagnosis.shrinkage import Judge, fraction_of, hold_out, on_shapes, repeat_squares
 from tests.diagnosis.conftest import Diagnose, MakeSet
 
 NOISE = NoiseModel()
@@ -110,6 +110,15 @@ def test_a_single_repeat_is_held_against_the_scatter_of_all(fabrics: tuple[Fabri
     scattered = hold_out(part, [], None, Judge({}), block).squares[-1, 2]
     assert scattered == pytest.approx(hold_out(block, [], None, Judge({})).squares[-1, 2])
     assert math.sqrt(scattered) < math.sqrt(modelled)
+
+
+def test_held_out_shapes_are_judged_without_what_chance_does_to_them(fabrics: tuple[FabricResult, ...]) -> None:
+    """Mixed pixels beside moved pins: one draw of them would stand against every capture."""
+    spacing = ("pin_spacing", {"magnitude": 0.006})
+    chance = [("edge_flying_pixels", {"magnitude": 0.5}), ("bending_hysteresis", {"magnitude": 9.0, "seed": 1.0})]
+    assert on_shapes([spacing, *chance]) == [spacing]
+    (block,) = make_blocks(fabrics[:1], NOISE)
+    assert not Judge({}).response(block, chance).any()
 
 
 def test_what_a_camera_or_sensor_changes_shrinks_in_depth_too(make_set: MakeSet, explain: Diagnose) -> None:
