@@ -33,12 +33,8 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
             alone = measure(single)
             if alone is not None and is_needless(measured.shrinkage, alone.shrinkage):
                 cause, measured = single, alone
-    tried: set[str] = set()
-    while measured is not None and is_refuted(measured.shrinkage):
-        tried |= set(cause.named)
+    while measured is not None and is_refuted(measured.shrinkage):  # ends: none and unknown get what effects lose
         cause = cause.refuted()
-        while cause.named and set(cause.named) <= tried:  # a tenth of its probability may still be the most
-            cause = cause.refuted()
         measured = measure(cause) if cause.named else None
     return cause, measured
 
