@@ -18,6 +18,7 @@ from diagnosis.effects import catalogue, get_effect
 from diagnosis.fabric_task import FabricResult, explain_fabric
 from diagnosis.folds import folds_of
 from diagnosis.fresh import FreshLook, Sized
+from diagnosis.grip import Grip, judge_grip, with_other_grip
 from diagnosis.groups import group_of
 from diagnosis.isolability import not_separable
 from diagnosis.likelihood import LikelihoodModel
@@ -182,12 +183,17 @@ class _Conclusion:
         assumed: tuple[str, ...],
         began: float | None,
         lpips: bool,
+        spent: Cost | None = None,
     ) -> Diagnosis:
-        """The whole report."""
+        """The whole report; ``spent``: what was simulated for it with magnets that turned out to hold otherwise."""
         noise = replace(self.noise, pin_m=pin_scatter([c for r in results for c in r.captures], self.noise))
         if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
             looks = look_again(looks, partial(self.weigh, noise=noise), scene, self.workers)
+            if spent is None:
+                held = judge_grip(looks, self.name([look.result for look in looks.values()], noise), self.workers)
+                if held is not None and held.otherwise:
+                    return self._held_otherwise(held, looks, assumed, began, lpips)
             looks = look_together(looks, partial(self.name, noise=noise), scene, self.workers)
             results = [look.result for look in looks.values()]
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
@@ -199,6 +205,7 @@ class _Conclusion:
         if cause.named and measured is None:
             assumed = (*assumed, "one capture alone: none is held out, so how far the gap shrinks was not measured")
         cost = _cost(results, looks)
+        cost.add(spent or Cost())
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),
             where=where_gaps(blocks, pixels, cause, self.model),
@@ -214,8 +221,21 @@ class _Conclusion:
             model_version=MODEL_VERSION,
             assumed=list(assumed),
         )
-        held = () if measured is None else measured.held
-        return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, held, looks)
+        left_out = () if measured is None else measured.held
+        return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, left_out, looks)
+
+    def _held_otherwise(
+        self, held: Grip, looks: dict[str, FreshLook], assumed: tuple[str, ...], began: float | None, lpips: bool
+    ) -> Diagnosis:
+        """Everything again with magnets that hold the cloth the other way."""
+        results = [look.result for look in looks.values()]
+        first = next(look for look in looks.values())
+        stated = first.result.task.captures[0].scene.setup.pin_radius_m
+        cache = first.simulator.cache
+        again = self.workers.map(partial(explain_fabric, cache=cache), [with_other_grip(r.task) for r in results])
+        new = {r.task.id: FreshLook(Simulator(cache), r) for r in again}
+        said = (*assumed, held.sentence(stated))
+        return self.of(again, new, said, began, lpips, spent=_cost(results, looks))
 
     def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
         """All explanations weighed, two effects together included."""

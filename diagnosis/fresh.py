@@ -101,6 +101,11 @@ class FreshLook:
             return best
         return self.simulator.proceed(best, fabric, changed)
 
+    def distance(self, capture: CaptureResult, effects: Sequence[Sized]) -> float:
+        """Of a capture from that drape, through the camera that fits [m]."""
+        depth = next(c.depth for c in self.result.task.captures if c.id == capture.id)
+        return state_distance(depth, self.drape(capture, effects).drape, self.seen(capture, effects))
+
     def _nearest(self, capture: CaptureResult, changed: SimulationScene, names: str) -> KeyedDrape:
         """States of the same effects at another size are where the search begins; else the state without."""
         fabric = self.result.task.parameters

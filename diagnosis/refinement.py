@@ -17,6 +17,7 @@ from diagnosis.workers import ALONE, Workers
 
 ROUNDS = 2
 CANDIDATES, LATER_CANDIDATES = 3, 2
+"""Effects on the cloth: in the first round, and later or beside those that come near the leader."""
 NEAR_NATS = 5.0
 """An effect whose log evidence is further behind is not looked at again."""
 MOVED = 0.1
@@ -48,7 +49,9 @@ def look_again(
         first = leader(cause)
         if first is not None:  # a weaker one beside it is far behind it, and yet may be there
             beside = candidates(weigh(results, (first, cause.evidence[first].size)))
-            near += [(n, s) for n, s in beside if n not in {name for name, _ in near}][:LATER_CANDIDATES]
+            cloth = any(get_effect(name).moves_cloth for name, _ in near)
+            most = LATER_CANDIDATES if seen or cloth else CANDIDATES
+            near += [(n, s) for n, s in beside if n not in {name for name, _ in near}][:most]
         wanted = [
             (name, size)
             for name, size in near

@@ -21,6 +21,7 @@ from diagnosis.sizes import nodes, shortcuts
 from diagnosis.state_library import StateLibrary, vertex_rms
 from diagnosis.version import PIXELS_VERSION, RESPONSES_VERSION
 from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
 
 Array = NDArray[np.float64]
 PARAMETER_STEP = 0.07
@@ -192,7 +193,7 @@ class _Look:
     def grip(self) -> dict[str, Array]:
         """Magnets that hold a point, or a patch where they are stated as points; on the fine mesh."""
         setup = self.scene.setup
-        other = 0.0 if setup.pin_radius_m > 0.5 * self.state.drape.mesh.resolution_m else PATCH_RADIUS_M
+        other = other_radius_m(setup, self.state.drape.mesh.resolution_m)
         drape = self.simulator.proceed(
             self.state, self.fabric, self.scene.with_setup(replace(setup, pin_radius_m=other))
         )
@@ -225,6 +226,11 @@ class _Look:
 
     def _mechanical(self, effect: Effect) -> bool:
         return effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT)
+
+
+def other_radius_m(setup: Setup, cell_m: float) -> float:
+    """Of magnets that hold a point where the stated ones hold a patch on such cells, or a patch where a point [m]."""
+    return 0.0 if setup.pin_radius_m > 0.5 * cell_m else PATCH_RADIUS_M
 
 
 def smaller(scene: SimulationScene) -> SimulationScene:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet, new_document
 from diagnosis.base_state import picture_of
@@ -25,6 +26,8 @@ from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 from simcore.prior import FabricPrior, is_admissible
 from simcore.scenes import Scene, Setup
 from simcore.solver import Solver
+
+Pictures = Callable[[FabricParameters, SimulationScene, tuple[int, ...]], NDArray[np.float32]]
 
 SET_CAMERA = Camera(640, 480, 475.0, 475.0, 319.5, 239.5)
 SET_SENSOR = SensorModel(range_noise_m=0.001, at_m=0.9, quantisation_m=0.0002)
@@ -108,6 +111,7 @@ def make_capture_set(
     fabrics: Mapping[int, FabricParameters] | None = None,
     name: str = "synthetic",
     cache: DrapeCache = NO_CACHE,
+    pictures: Pictures | None = None,
 ) -> CaptureSet:
     """Simulate a capture set and write it.
 
@@ -119,13 +123,14 @@ def make_capture_set(
             simulated is off by the plan's errors.
         name: of the set.
         cache: drapes that other sets of the same seed may share.
+        pictures: another simulator: the ideal depth [m], [H, W], of a fabric in a scene, from a capture's seed words.
 
     Raises:
         SimulationError: a drape does not come to rest in several attempts.
     """
     folder.mkdir(parents=True, exist_ok=True)
     stated = dict(fabrics) if fabrics is not None else dict(enumerate(draw_fabrics(plan.fabrics, plan.seed)))
-    shelf = _Shelf(Solver(GridMesh(plan.resolution_m)), plan.jitter, cache)
+    take = pictures or _Shelf(Solver(GridMesh(plan.resolution_m)), plan.jitter, cache).picture
     entries: list[dict[str, Any]] = []
     for place, (number, fabric) in enumerate(stated.items()):
         real = real_fabric(plan, number, fabric, first=place == 0)
@@ -134,9 +139,9 @@ def make_capture_set(
                 capture_id = f"f{place + 1}-{scene_name}-{repeat}"
                 words = (plan.seed, number, SCENE_NUMBERS[scene_name], repeat)
                 scene = build_scene(scene_name, plan, [(e, _of_repeat(e, size, words)) for e, size in effects])
-                drape = shelf.drape(real, scene, words)
+                ideal = take(real, scene, words)
                 noise = np.random.default_rng(np.random.SeedSequence((*words, 7, len(name), *name.encode())))
-                depth = scene.sensor.apply(picture_of(drape, scene), noise, camera=scene.camera)
+                depth = scene.sensor.apply(ideal, noise, camera=scene.camera)
                 write_depth_png(folder / f"{capture_id}.png", depth, SET_CAMERA.depth_unit_m)
                 entries.append(
                     {
@@ -173,6 +178,10 @@ class _Shelf:
     solver: Solver
     jitter: Jitter
     cache: DrapeCache
+
+    def picture(self, fabric: FabricParameters, scene: SimulationScene, words: tuple[int, ...]) -> NDArray[np.float32]:
+        """The ideal depth picture [m]."""
+        return picture_of(self.drape(fabric, scene, words), scene)
 
     def drape(self, fabric: FabricParameters, scene: SimulationScene, words: tuple[int, ...]) -> Drape:
         """The first attempt that comes to rest.

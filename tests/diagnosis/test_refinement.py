@@ -1,0 +1,55 @@
+"""Which effects are looked at again."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+from diagnosis.refinement import look_again
+
+
+class Watcher:
+    """In the place of workers: nothing is simulated, what was wanted is kept."""
+
+    def __init__(self) -> None:
+        self.wanted: list[list[str]] = []
+
+    def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
+        self.wanted.append([name for name, _ in work.keywords["wanted"]])
+        return items
+
+
+def cause_of(nats: dict[str, float]) -> Any:
+    """Evidence for some effects, all at usual sizes."""
+    sizes = {
+        "sensor_smoothing": {"magnitude": 1.2, "after_noise": 1.0},
+        "rest_curvature": {"magnitude": 8.0, "weft": 1.0, "warp": 0.0},
+    }
+
+    def entry(name: str, value: float) -> Any:
+        size = sizes.get(name, {"magnitude": 5.0})
+        return SimpleNamespace(name=name, log_evidence=value, usual_evidence=value, usual=size, size=size)
+
+    evidence = {name: entry(name, value) for name, value in {**nats, "none": 0.0}.items()}
+    evidence["none"].usual = {}
+    return SimpleNamespace(evidence=evidence, probabilities={name: e.log_evidence for name, e in evidence.items()})
+
+
+def wanted(alone: dict[str, float], beside: dict[str, float]) -> list[list[str]]:
+    watcher = Watcher()
+    looks: Any = {"f1": SimpleNamespace(result=None)}
+    look_again(looks, lambda _, first: cause_of(alone if first is None else beside), "stretch", watcher)  # type: ignore[arg-type]
+    return watcher.wanted
+
+
+def test_beside_a_leader_on_the_sensor_three_effects_on_the_cloth_are_looked_at() -> None:
+    beside = {"panel_adhesion": 2.7, "rest_curvature": 2.6, "air_draft": 1.3, "panel_tilt": 0.1}
+    rounds = wanted({"sensor_smoothing": 50.0, "panel_tilt": -3.0}, beside)
+    assert rounds == [["panel_adhesion", "rest_curvature", "air_draft"]]
+
+
+def test_beside_effects_on_the_cloth_that_are_looked_at_anyway_two_more_are() -> None:
+    beside = {"pin_drop": 2.7, "hem_weight": 2.6, "corner_pull": 1.3}
+    rounds = wanted({"panel_tilt": 50.0, "pin_spacing": 47.0}, beside)
+    assert rounds == [["panel_tilt", "pin_spacing", "pin_drop", "hem_weight"]]
