@@ -116,9 +116,10 @@ class HingeCloth:
         uv, edges = self.mesh.uv, self.mesh.edges
         along = uv[edges[:, 1]] - uv[edges[:, 0]]
         length = np.linalg.norm(along, axis=1)
-        sides = [np.abs(np.cross(along, uv[edges[:, k]] - uv[edges[:, 0]])) for k in (2, 3)]
+        outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
+        sides = [np.abs((outward * (uv[edges[:, k]] - uv[edges[:, 0]])).sum(axis=1)) for k in (2, 3)]
         apart = (sides[0] + sides[1]) / length / 3.0
-        across = np.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
+        across = outward / length[:, None]
         angle = np.arctan2(across[:, 0], across[:, 1]) + mechanics.off_grain_rad  # from warp
         weft, warp, bias = fabric.bending_weft, fabric.bending_warp, fabric.bending_bias
         mean, two, four = (warp + weft + 2 * bias) / 4, (warp - weft) / 2, (warp + weft - 2 * bias) / 4

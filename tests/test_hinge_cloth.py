@@ -1,0 +1,95 @@
+"""The other simulator of ``bench`` is right enough to be held against: forces, stiffness in bending, weight."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.scene import SimulationScene
+from simcore.mechanics import UniformCurvature
+from simcore.parameters import FabricParameters
+from simcore.scenes import Scene, Setup
+
+FABRIC = FabricParameters.from_mapping(
+    {
+        "stretch_warp": 800.0,
+        "stretch_weft": 600.0,
+        "stretch_bias": 200.0,
+        "bending_warp": 6e-5,
+        "bending_weft": 3e-5,
+        "bending_bias": 4e-5,
+        "density": 0.2,
+    }
+)
+SCENE = SimulationScene(Setup.nominal(Scene.HANGING, pin_radius_m=0.0))
+
+
+@pytest.fixture(scope="module")
+def hinges() -> Any:
+    """The module, from its file: ``bench`` is no package."""
+    path = Path(__file__).parents[1] / "bench" / "hinge_cloth.py"
+    spec = importlib.util.spec_from_file_location("hinge_cloth", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["hinge_cloth"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def mesh(hinges: Any) -> Any:
+    """Cells of 20 mm."""
+    return hinges.Mesh.of((0.5, 0.5), 0.02, 1)
+
+
+def test_forces_are_the_energys_derivative(hinges: Any, mesh: Any) -> None:
+    cloth = hinges.HingeCloth(mesh, FABRIC, SCENE.with_mechanics(stiffening_strain=0.03, off_grain_rad=0.1), 0)
+    u, v = mesh.uv.T
+    rng = np.random.default_rng(0)
+    x = np.stack([1.02 * u, -v, 0.01 * np.sin(20 * u + 9 * v) + 0.02], 1) + 1e-4 * rng.standard_normal((len(u), 3))
+    x[:5, 2] = 1e-4  # pressed to the panel
+    direction = rng.standard_normal(x.shape)
+    step = 1e-8
+    change = (cloth.forces(x + step * direction)[0] - cloth.forces(x - step * direction)[0]) / (2 * step)
+    assert change == pytest.approx(float((cloth.forces(x)[1] * direction).sum()), rel=1e-4)
+
+
+def test_a_cylinder_is_as_stiff_as_stated_in_the_mean_over_directions(hinges: Any, mesh: Any) -> None:
+    cloth = hinges.HingeCloth(mesh, FABRIC, SCENE, 0)
+    ratios = []
+    for t in math.pi / 8 * np.arange(8):
+        felt = float(cloth.hinge @ cloth._quadratic(math.sin(t), math.cos(t)) ** 2) / 0.25
+        mixed = 4 * FABRIC.bending_bias - FABRIC.bending_warp - FABRIC.bending_weft
+        c, s = math.cos(t) ** 2, math.sin(t) ** 2
+        ratios.append(felt / (FABRIC.bending_warp * c**2 + FABRIC.bending_weft * s**2 + mixed * s * c))
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.03)
+    assert max(ratios) < 1.3 and min(ratios) > 0.7
+
+
+def test_a_curved_sheet_wants_to_bend_towards_the_camera(hinges: Any, mesh: Any) -> None:
+    curved = SCENE.with_mechanics(rest_curvature=(UniformCurvature(weft=5.0, warp=0.0),))
+    cloth = hinges.HingeCloth(mesh, FABRIC, curved, 0)
+    u, v = mesh.uv.T
+    flat, bowl = (np.stack([u, -v, 0.01 + 0.5 * k * (u - 0.25) ** 2], 1) for k in (0.0, 0.5))
+    assert cloth._bent(bowl, False)[0] < cloth._bent(flat, False)[0]
+
+
+def test_it_comes_to_rest_in_front_of_the_panel(hinges: Any) -> None:
+    coarse = hinges.Mesh.of((0.5, 0.5), 0.04, 1)
+    cloth = hinges.HingeCloth(coarse, FABRIC, SCENE, 3)
+    x, left = cloth.drape()
+    assert left < hinges.REST
+    assert x[:, 2].min() > -1e-3
+    assert x[cloth.held] == pytest.approx(cloth.home)
+    assert -0.6 < x[:, 1].min() < -0.4
+
+
+def test_physics_that_it_lacks_is_refused(hinges: Any, mesh: Any) -> None:
+    with pytest.raises(ValueError, match="friction"):
+        hinges.HingeCloth(mesh, FABRIC, SCENE.with_mechanics(friction=0.2), 0)
