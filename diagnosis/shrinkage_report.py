@@ -8,6 +8,7 @@ from diagnosis.fresh import FreshLook
 from diagnosis.report import RefittedParameters, Shrinkage
 from diagnosis.seen_depth import seen_depth
 from diagnosis.shrinkage import Held, Measured
+from metric.weights import INSTEAD
 from simcore.errors import MissingResourceError
 from simcore.parameters import FabricParameters
 
@@ -41,7 +42,8 @@ def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool)
         try:
             changes["perceived"] = perceived(shown, looks)
         except MissingResourceError as error:
-            changes["note"] = f"not measured in LPIPS: {error}"
+            why = str(error).removesuffix(f", {INSTEAD}")  # a diagnosis has no back ends to choose from
+            changes["note"] = f"not measured in LPIPS: {why}"
     return made.model_copy(update=changes)
 
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 WEIGHTS_VARIABLE = "DRAPEMETER_WEIGHTS"
 _CONNECT_TIMEOUT_S = 15.0
-_INSTEAD = "or run with --backend depth, which needs no weights"
+INSTEAD = "or run with --backend depth, which needs no weights"
+"""What to do otherwise, in commands that compare drapes; a diagnosis goes on without."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ def check_hash(path: Path, expected: str) -> str:
     if not found.startswith(expected):
         raise MissingResourceError(
             f"{path} is damaged or not the file that was pinned (sha256 {found[:12]}..., expected {expected[:12]}...): "
-            f"remove it and fetch it again, {_INSTEAD}",
+            f"remove it and fetch it again, {INSTEAD}",
             code="weights_hash",
         )
     return found
@@ -126,7 +127,7 @@ def _download(net: str, folder: str | None) -> Path:
         names = " or ".join(c.name for c in ACCEPTED[net])
         raise MissingResourceError(
             f"weights of LPIPS ({net}) are missing: {places}and {url} cannot be had ({error}). "
-            f"Put {names} into a folder and set {WEIGHTS_VARIABLE} to it, {_INSTEAD}",
+            f"Put {names} into a folder and set {WEIGHTS_VARIABLE} to it, {INSTEAD}",
             code="weights_missing",
         ) from None
     return target

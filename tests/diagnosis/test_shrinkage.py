@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import Diagnosis, make_blocks
@@ -15,7 +16,11 @@ from diagnosis.fabric_task import FabricResult
 from diagnosis.folds import folds_of
 from diagnosis.html import render_html
 from diagnosis.noise import NoiseModel
-from diagnosis.shrinkage import Judge, fraction_of, hold_out, on_shapes, repeat_squares
+from diagnosis.shrinkage import Judge, Measured, fraction_of, hold_out, on_shapes, repeat_squares
+from diagnosis.shrinkage_report import complete
+from metric.render import DrapeRender
+from metric.weights import INSTEAD
+from simcore.errors import MissingResourceError
 from tests.diagnosis.conftest import Diagnose, MakeSet
 
 NOISE = NoiseModel()
@@ -139,3 +144,39 @@ def test_noise_of_pixels_does_not_shrink_in_depth(only: Callable[[int], Diagnosi
     found = only(2).report.shrinkage
     assert found is not None and found.depth is not None
     assert found.depth.before == found.depth.after > 2.5
+
+
+class Shades:
+    """A back end whose distance is the mean difference of shades."""
+
+    name = "shades"
+
+    def features(self, renders: list[DrapeRender]) -> list[NDArray[np.float64]]:
+        return [render.need_shaded().astype(np.float64) for render in renders]
+
+    def table(self, one: list[NDArray[np.float64]], other: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.array([[np.abs(a - b).mean() for b in other] for a in one])
+
+
+def test_pictures_come_nearer_with_the_effect_and_without_weights_the_note_says_so(
+    make_set: MakeSet, explain: Diagnose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    diagnosis = explain(make_set("air_draft=0.3"))
+    shrinkage = diagnosis.report.shrinkage
+    assert shrinkage is not None and shrinkage.perceived is None
+    measured = Measured(shrinkage, diagnosis.held)
+    with monkeypatch.context() as patch:
+        patch.setattr("diagnosis.perception.get_backend", lambda _: Shades())
+        seen = complete(measured, diagnosis.looks, lpips=True).perceived
+    assert seen is not None and seen.backend == "shades"
+    assert seen.captures == sum(len(one.block.captures) for one in diagnosis.held)
+    assert seen.after < 0.7 * seen.before
+    assert seen.noise_floor is not None and seen.noise_floor < seen.before
+
+    def missing(_: str) -> Shades:
+        raise MissingResourceError(f"weights of LPIPS are missing, {INSTEAD}", code="weights_missing")
+
+    monkeypatch.setattr("diagnosis.perception.get_backend", missing)
+    without = complete(measured, diagnosis.looks, lpips=True)
+    assert without.perceived is None
+    assert without.note == "not measured in LPIPS: weights of LPIPS are missing"
