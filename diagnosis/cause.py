@@ -143,6 +143,11 @@ class Cause:
             return self.pair.sizes[name]
         return self.evidence[name].size
 
+    def sized_as(self, names: Sequence[str]) -> list[tuple[str, Mapping[str, float]]]:
+        """One or two effects, named or not, with the sizes that fit best."""
+        pair = next((p for p in self.tried if len(names) == 2 and {p.first, p.second} == set(names)), None)
+        return [(name, self.evidence[name].size if pair is None else pair.sizes[name]) for name in names]
+
 
 def name_cause(
     effects: Sequence[str],

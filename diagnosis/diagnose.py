@@ -9,6 +9,7 @@ from functools import partial
 
 from capture.capture_set import CaptureSet
 from diagnosis.atlas import forecast
+from diagnosis.beside import look_beside
 from diagnosis.block import Block, PixelBlock, make_block, make_pixel_block
 from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
 from diagnosis.detection import detect
@@ -28,7 +29,7 @@ from diagnosis.refinement import look_again
 from diagnosis.refutation import judged
 from diagnosis.repeats import pin_scatter
 from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport
-from diagnosis.shrinkage import Held, Judge, measure_shrinkage
+from diagnosis.shrinkage import Held, Judge, Measured, measure_shrinkage
 from diagnosis.shrinkage_report import complete
 from diagnosis.simulator import Cost, Simulator
 from diagnosis.subtract import pixels_without, without
@@ -190,10 +191,11 @@ class _Conclusion:
         if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
             looks = look_again(looks, partial(self.weigh, noise=noise), scene, self.workers)
-            if spent is None:
-                held = judge_grip(looks, self.name([look.result for look in looks.values()], noise), self.workers)
-                if held is not None and held.otherwise:
-                    return self._held_otherwise(held, looks, assumed, began, lpips)
+            likely = self.name([look.result for look in looks.values()], noise)
+            held = judge_grip(looks, likely, self.workers) if spent is None else None
+            if held is not None and held.otherwise:
+                return self._held_otherwise(held, looks, assumed, began, lpips)
+            looks = look_beside(looks, likely, scene, self.workers)
             looks = look_together(looks, partial(self.name, noise=noise), scene, self.workers)
             results = [look.result for look in looks.values()]
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
@@ -201,7 +203,11 @@ class _Conclusion:
 
         folds = folds_of(results, blocks, noise)
         judge = Judge(looks, self.workers)
-        cause, measured = judged(cause, lambda c: measure_shrinkage(c, self.effects, folds, pixels, self.model, judge))
+
+        def measure(of: Cause, *, known: bool = False) -> Measured | None:
+            return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known)
+
+        cause, measured = judged(cause, measure)
         if cause.named and measured is None:
             assumed = (*assumed, "one capture alone: none is held out, so how far the gap shrinks was not measured")
         cost = _cost(results, looks)

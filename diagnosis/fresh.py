@@ -63,6 +63,8 @@ class FreshLook:
         begun: the first state that was found with some effects on, and its distance, by capture and names.
         sizes: at which an effect's outcome is known, by its name.
         coarse: responses as they were before any outcome bent them, by capture.
+        beside: what effects change where another one is on, by capture and (effect, other), before any outcome of both.
+        together: sizes of one effect and another at which both were simulated, by (effect, other).
         through: effects on the camera through which captures are held against simulations; none: as it is stated.
     """
 
@@ -72,6 +74,8 @@ class FreshLook:
     begun: dict[tuple[str, str], tuple[KeyedDrape, float]] = field(default_factory=dict)
     sizes: dict[str, list[Mapping[str, float]]] = field(default_factory=dict)
     coarse: dict[str, Responses] = field(default_factory=dict)
+    beside: dict[str, dict[tuple[str, str], tuple[Array, Array]]] = field(default_factory=dict)
+    together: dict[tuple[str, str], list[list[Sized]]] = field(default_factory=dict)
     through: tuple[Sized, ...] = ()
 
     def scene_of(self, capture: CaptureResult) -> SimulationScene:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import Protocol
 
 from diagnosis.cause import Cause
 from diagnosis.effects import get_effect
@@ -12,10 +12,14 @@ from diagnosis.shrinkage import Measured
 
 WORSE = -0.25
 """An effect that closes less than this share of the gap is none of it: of six in 300 sealed cases five were wrong."""
-NEEDED = 0.95
+NEEDED = 0.9
 """A second effect leaves less than this share of what the first alone leaves, or it is not needed."""
-Measure = Callable[[Cause], Measured | None]
-"""How far the gap shrinks with what is named."""
+
+
+class Measure(Protocol):
+    """How far the gap shrinks with what is named; ``known``: names are not sought again without what is held out."""
+
+    def __call__(self, of: Cause, *, known: bool = False) -> Measured | None: ...
 
 
 def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
@@ -30,9 +34,9 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
         if is_refuted(measured.shrinkage):
             cause, measured = single, measure(single)
         elif set(single.named) & set(cause.named) and all(is_mechanical(get_effect(n)) for n in cause.named):
-            alone = measure(single)
-            if alone is not None and is_needless(measured.shrinkage, alone.shrinkage):
-                cause, measured = single, alone
+            both, alone = measure(cause, known=True), measure(single, known=True)
+            if both is not None and alone is not None and is_needless(both.shrinkage, alone.shrinkage):
+                cause, measured = single, measure(single)
     while measured is not None and is_refuted(measured.shrinkage):  # ends: none and unknown get what effects lose
         cause = cause.refuted()
         measured = measure(cause) if cause.named else None

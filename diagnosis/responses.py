@@ -121,6 +121,28 @@ def borrowed_responses(
     return find_responses(simulator, fabric, scene, lender, effects, picture, reference)
 
 
+def responses_with(
+    simulator: Simulator, fabric: FabricParameters, scene: SimulationScene, state: KeyedDrape, effects: Sequence[str]
+) -> dict[str, tuple[Array, Array]]:
+    """What effects change where others are on already, at few sizes: (vector [nodes, D], pixel statistics [nodes, P]).
+
+    Args:
+        simulator: solves and keeps.
+        fabric: of the state.
+        scene: with the others on.
+        state: the fold state with them on, on the fine mesh.
+        effects: names.
+    """
+    picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
+    look = _Look(simulator, fabric, scene, state, picture, reference, sparing=True)
+    found = {}
+    for name in effects:
+        key = content_key(few=True, full=_effect_key(get_effect(name), state, scene))
+        rows = simulator.kept(key, partial(look.effect, get_effect(name)))
+        found[name] = (rows["vector"], rows["pixels"])
+    return found
+
+
 def are_kept(cache: DrapeCache, state: KeyedDrape, scene: SimulationScene, effects: Sequence[str]) -> bool:
     """Whether a state's own responses are at hand, those to all these effects included."""
     keys = [_key("common", state, scene), _key("grip", state, scene)]
@@ -147,6 +169,7 @@ class _Look:
     state: KeyedDrape
     picture: NDArray[np.float32]
     reference: Reference
+    sparing: bool = False  # simulate the half sizes only, in any scene
 
     @cached_property
     def origin(self) -> KeyedDrape:
@@ -204,7 +227,8 @@ class _Look:
         sizes = nodes(effect)
         still = np.zeros(len(self.sensed.pixels))
         rows: dict[int, tuple[Array, Array]] = {}
-        plan = shortcuts(effect) if self._mechanical(effect) and self.scene.setup.scene.value == "hanging" else {}
+        sparing = self.sparing or self.scene.setup.scene.value == "hanging"
+        plan = shortcuts(effect) if self._mechanical(effect) and sparing else {}
         for number, size in enumerate(sizes):
             changed = effect.apply(self.scene, size)
             if effect.stage is Stage.SENSOR:

@@ -193,6 +193,8 @@ def measure_shrinkage(
     pixels: PixelBlock,
     model: LikelihoodModel,
     judge: Judge = Judge({}),
+    *,
+    known: bool = False,
 ) -> Measured | None:
     """Fold by fold: each is judged with the effect named and fitted on the others.
 
@@ -207,6 +209,7 @@ def measure_shrinkage(
         pixels: what the whole set shares.
         model: see there.
         judge: simulates what is found.
+        known: what is named on everything is taken as known; only its sizes are fitted on the others.
 
     Returns:
         None when no effect is named or nothing can be held out.
@@ -226,8 +229,9 @@ def measure_shrinkage(
     turns = {fold.name: fold for fold in folds if any(block is one for block in fold.held for one in judged)}
     for name, fold in turns.items():
         causes[name] = name_cause(effects, fold.rest, fold.rest_pixels, model, pairs=len(cause.named) > 1)
+    sizes = {name: found.sized_as(cause.named) if known else sized(found) for name, found in causes.items()}
     if not in_numbers:
-        judge.prepare(judged, {name: sized(found) for name, found in causes.items()})
+        judge.prepare(judged, sizes)
     for name, found in causes.items():
         fold = turns[name]
         rival = most_flexible_wrong(found, cause)
@@ -237,7 +241,7 @@ def measure_shrinkage(
             seen += [_unmoved(block, sized(found)) for block in fold.held]
         else:
             own = [pair for pair in zip(fold.held, fold.whole, strict=True) if any(pair[0] is one for one in judged)]
-            shown += [hold_out(block, sized(found), rival, judge, whole) for block, whole in own]
+            shown += [hold_out(block, sizes[name], rival, judge, whole) for block, whole in own]
     rows += [one.squares for one in shown]
     best = tuple(one for one in seen if one.block.scene == "stretch") or tuple(seen)
     return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, bool(judge.looks)), tuple(shown), best)

@@ -14,18 +14,18 @@ from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, FabricResult
 from diagnosis.fresh import FreshLook, Sized, bend, bent, is_mechanical, with_effects
-from diagnosis.refinement import NEAR_NATS, alike
+from diagnosis.refinement import alike
 from diagnosis.responses import clean, sensed
 from diagnosis.sizes import nodes
 from diagnosis.subtract import response_to
 from diagnosis.workers import ALONE, Workers
 
 Array = NDArray[np.float64]
-ROUNDS = 2
+ROUNDS = 3
 CANDIDATES = 2
 """So many pairs are solved in a round, and so many rendered."""
-RENDERED_NATS = 12.0
-"""A pair on one sensor whose log evidence is further behind is not rendered."""
+SOLVED_NATS, LATER_NATS, RENDERED_NATS = 8.0, 2.0, 12.0
+"""A pair whose log evidence is further behind is not solved, not solved after the first round, or not rendered."""
 Weigh = Callable[[Sequence[FabricResult]], Cause]
 """Probabilities from results, two effects together included."""
 
@@ -47,7 +47,8 @@ def look_together(
     seen: dict[tuple[str, str], list[Pair]] = {}
     now = dict(looks)
     for _ in range(ROUNDS):
-        likely = candidates(weigh([look.result for look in now.values()]))
+        nats = LATER_NATS if seen else SOLVED_NATS
+        likely = candidates(weigh([look.result for look in now.values()]), nats)
         wanted = [
             pair for pair in likely if not any(_same(pair, old) for old in seen.get((pair.first, pair.second), []))
         ]
@@ -60,21 +61,22 @@ def look_together(
     return now
 
 
-def candidates(cause: Cause) -> list[Pair]:
+def candidates(cause: Cause, nats: float = SOLVED_NATS) -> list[Pair]:
     """Pairs that may be the answer and are more than the sum of their parts; few of those that must be solved.
 
-    They are near the best effect and better than none. What is only rendered may be further behind: statistics of
-    pixels are far from additive.
+    They are better than none. What must be solved is less than some nats behind the best explanation, by one effect or
+    two; what is only rendered may be further behind the best effect: statistics of pixels are far from additive.
     """
-    best = max(e.log_evidence for name, e in cause.evidence.items() if name not in NOT_EFFECTS)
+    single = max(e.log_evidence for name, e in cause.evidence.items() if name not in NOT_EFFECTS)
     none = cause.evidence["none"].log_evidence
     tried = sorted(cause.tried, key=lambda pair: -pair.evidence.log_evidence)
+    best = max([single, *(pair.evidence.log_evidence for pair in tried[:1])])
 
-    def near(nats: float) -> list[Pair]:
-        return [pair for pair in tried if pair.evidence.log_evidence > max(best - nats, none)]
+    def beyond(least: float) -> list[Pair]:
+        return [pair for pair in tried if pair.evidence.log_evidence > max(least, none)]
 
-    solved = [pair for pair in near(NEAR_NATS) if _move_the_cloth(pair)]
-    return solved[:CANDIDATES] + [pair for pair in near(RENDERED_NATS) if _on_one_sensor(pair)][:CANDIDATES]
+    solved = [pair for pair in beyond(best - nats) if _move_the_cloth(pair)]
+    return solved[:CANDIDATES] + [pair for pair in beyond(single - RENDERED_NATS) if _on_one_sensor(pair)][:CANDIDATES]
 
 
 def _move_the_cloth(pair: Pair) -> bool:
@@ -99,7 +101,7 @@ def _looked_at(look: FreshLook, pairs: Sequence[Pair], scene: str) -> FreshLook:
 
 
 def with_both(look: FreshLook, capture: CaptureResult, pairs: Sequence[Pair]) -> CaptureResult:
-    """With the second effects' responses such that both together give what was simulated; the last sizes count.
+    """With the second effects' responses such that both together give what was simulated so far.
 
     Where the first effect alone, once the second is gone again, fits better than it was known to, it gets that too.
     """
@@ -117,14 +119,18 @@ def with_both(look: FreshLook, capture: CaptureResult, pairs: Sequence[Pair]) ->
 
 
 def _simulated(look: FreshLook, capture: CaptureResult, pair: Pair) -> tuple[Array, Array] | None:
-    """The second effect's responses (vectors, pixels), bent through the outcome of both; None where it has none."""
-    both = _both(pair)
-    if not look.drape(capture, both).drape.ok:
-        return None
-    effects = capture.responses.effects
-    own, pixels = effects[pair.second]
-    change = look.change(capture, both) - response_to({pair.first: effects[pair.first][0]}, *both[0])
-    return bend(get_effect(pair.second), own, [(pair.sizes[pair.second], change)]), pixels
+    """The second effect's responses (vectors, pixels), bent through the outcomes of both; None where there are none."""
+    effects, outcomes = capture.responses.effects, look.together.setdefault((pair.second, pair.first), [])
+    if _both(pair) not in outcomes:
+        outcomes.append(_both(pair))
+    own, pixels = look.beside.get(capture.id, {}).get((pair.second, pair.first), effects[pair.second])
+    first = {pair.first: effects[pair.first][0]}
+    known = [
+        (second, look.change(capture, [one, (name, second)]) - response_to(first, *one))
+        for one, (name, second) in outcomes
+        if look.drape(capture, [one, (name, second)]).drape.ok
+    ]
+    return (bend(get_effect(pair.second), own, known), pixels) if known else None
 
 
 def _sensed_with_both(look: FreshLook, capture: CaptureResult, pair: Pair) -> tuple[Array, Array]:

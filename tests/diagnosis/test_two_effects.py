@@ -144,13 +144,27 @@ def cause_of(pair_nats: float, second: str = "crease", size: float = 1.0, top: s
 
 def test_pairs_that_may_be_the_answer_are_simulated() -> None:
     assert [p.second for p in together.candidates(cause_of(9.0))] == ["crease"]
-    assert together.candidates(cause_of(10.0 - refinement.NEAR_NATS)) == []
+    assert [p.second for p in together.candidates(cause_of(10.1 - together.SOLVED_NATS))] == ["crease"]
+    assert together.candidates(cause_of(10.0 - together.SOLVED_NATS)) == []
+    assert together.candidates(cause_of(10.0 - together.LATER_NATS), together.LATER_NATS) == []
     assert together.candidates(cause_of(12.0, "bending_hysteresis")) == []
 
 
-@pytest.mark.parametrize(("sizes", "expected"), [((1.0, 1.05), [1.0]), ((1.0, 1.5), [1.0, 1.5])])
-def test_a_pair_is_simulated_again_only_where_its_sizes_moved(
-    sizes: tuple[float, ...], expected: list[float], monkeypatch: pytest.MonkeyPatch
+def test_a_pair_on_the_cloth_is_not_solved_where_another_is_far_better() -> None:
+    """Beside a camera that stands elsewhere, say: there folds are not what is left."""
+    cause = cause_of(9.0)
+    (crease,) = cause.tried
+    for nats, expected in ((16.9, ["crease"]), (17.0 + 1e-9, [])):
+        turned = Pair("air_draft", "camera_rotation", {}, evidence("camera_rotation", nats))
+        assert [p.second for p in together.candidates(replace(cause, tried=(crease, turned)))] == expected
+
+
+@pytest.mark.parametrize(
+    ("sizes", "nats", "expected"),
+    [((1.0, 1.05), 9.0, [1.0]), ((1.0, 1.5), 9.0, [1.0, 1.5]), ((1.0, 1.5), 7.9, [1.0])],
+)
+def test_a_pair_is_simulated_again_only_where_its_sizes_moved_and_it_is_near(
+    sizes: tuple[float, ...], nats: float, expected: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     simulated: list[float] = []
 
@@ -159,7 +173,7 @@ def test_a_pair_is_simulated_again_only_where_its_sizes_moved(
         return own
 
     monkeypatch.setattr(together, "_looked_at", look)
-    causes = iter([cause_of(9.0, size=size) for size in sizes])
+    causes = iter([cause_of(nats, size=size) for size in (*sizes, sizes[-1])])
     looks: Any = {"f1": SimpleNamespace(result=None)}
     together.look_together(looks, lambda _: next(causes), "stretch")
     assert simulated == expected
@@ -171,8 +185,8 @@ def test_both_responses_give_what_was_simulated_with_both_on() -> None:
     change = rng.standard_normal(9)
     responses = Responses(np.zeros((7, 9)), np.zeros((8, 9)), np.zeros(9), np.zeros(9), rows, np.zeros(1))
 
-    class Look:
-        def drape(self, capture: Any, effects: Any) -> Any:
+    class Look(FreshLook):
+        def drape(self, capture: Any, effects: Any, fabric: Any = None) -> Any:
             return SimpleNamespace(drape=SimpleNamespace(ok=capture.id != "lost"))
 
         def without_last(self, capture: Any, effects: Any) -> bool:
@@ -180,14 +194,32 @@ def test_both_responses_give_what_was_simulated_with_both_on() -> None:
 
         def change(self, capture: Any, effects: Any) -> np.ndarray:
             assert [name for name, _ in effects] == ["air_draft", "crease"]
-            return change
+            return np.asarray(change * effects[1][1][SCALAR])
 
+    nothing: Any = None
     pair = Pair("air_draft", "crease", SIZES, evidence("crease", 1.0))
-    look, seen = cast(FreshLook, Look()), Capture("seen", responses)
-    shown = together.with_both(look, cast(CaptureResult, seen), [pair]).responses
+    look, seen = Look(nothing, nothing), cast(CaptureResult, Capture("seen", responses))
+    shown = together.with_both(look, seen, [pair])
     own = node_weights(get_effect("air_draft"), DRAFT) @ rows["air_draft"][0]
-    beside = node_weights(get_effect("crease"), CREASE) @ shown.beside["crease", "air_draft"][0]
-    np.testing.assert_allclose(own + beside, change, atol=1e-9)
+
+    def beside(size: float) -> np.ndarray:
+        known = shown.responses.beside["crease", "air_draft"][0]
+        return np.asarray(node_weights(get_effect("crease"), CREASE | {SCALAR: size}) @ known)
+
+    np.testing.assert_allclose(own + beside(1.0), change, atol=1e-9)
+    other = replace(pair, sizes=SIZES | {"crease": CREASE | {SCALAR: -0.5}})
+    shown = together.with_both(look, shown, [other])  # what was known before is kept
+    for size in (1.0, -0.5):
+        np.testing.assert_allclose(own + beside(size), size * change, atol=0.15)
+    measured = {("crease", "air_draft"): (rows["crease"][0] + 3.0, np.ones((1, 1)))}
+    look = Look(nothing, nothing, beside={"seen": measured})
+    shown = together.with_both(look, seen, [pair])
+    np.testing.assert_allclose(own + beside(1.0), change, atol=1e-9)
+    far = node_weights(get_effect("crease"), CREASE | {"down": 0.0}) @ measured["crease", "air_draft"][0]
+    np.testing.assert_allclose(  # elsewhere it stays what was measured beside the first
+        node_weights(get_effect("crease"), CREASE | {"down": 0.0}) @ shown.responses.beside["crease", "air_draft"][0],
+        far,
+    )
     lost = cast(CaptureResult, Capture("lost", responses))
     assert together.with_both(look, lost, [pair]).responses.beside == {}
 
@@ -277,7 +309,7 @@ def test_what_chance_does_to_cells_is_not_the_second_effects(monkeypatch: pytest
 def test_what_is_only_rendered_is_tried_further_behind() -> None:
     singles = {"none": evidence("none", 0.0), "quantisation": evidence("quantisation", 20.0)}
     for second, expected in (("range_noise", 1), ("crease", 0)):
-        pair = Pair("quantisation", second, {}, evidence(second, 20.0 - 2 * refinement.NEAR_NATS))
+        pair = Pair("quantisation", second, {}, evidence(second, 20.1 - together.RENDERED_NATS))
         cause = Cause(dict.fromkeys(singles, 0.0), singles, 10.0, tried=(pair,))
         assert len(together.candidates(cause)) == expected
 
@@ -288,7 +320,13 @@ def test_what_a_second_effect_left_bends_the_firsts_responses(monkeypatch: pytes
     fitted = replace(responses, effects=rows | {"air_draft": (rows["air_draft"][0] + 1.0, np.zeros((1, 1)))})
     monkeypatch.setattr(together, "bent", lambda look, capture, names: fitted if "air_draft" in names else None)
     lost = SimpleNamespace(drape=SimpleNamespace(ok=False))
-    look: Any = SimpleNamespace(sizes={}, without_last=lambda capture, effects: True, drape=lambda capture, both: lost)
+    look: Any = SimpleNamespace(
+        sizes={},
+        beside={},
+        together={},
+        without_last=lambda capture, effects: True,
+        drape=lambda capture, both: lost,
+    )
     pair = Pair("air_draft", "crease", SIZES, evidence("crease", 1.0))
     found = together.with_both(look, cast(CaptureResult, Capture("seen", responses)), [pair])
     assert found.responses.effects is fitted.effects and look.sizes == {"air_draft": [DRAFT]}

@@ -1,0 +1,169 @@
+"""What a second effect changes where the likeliest one is on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis import beside
+from diagnosis.base_state import picture_of
+from diagnosis.cause import Cause, Pair
+from diagnosis.drape_cache import DrapeCache
+from diagnosis.effect import SCALAR
+from diagnosis.effects import get_effect
+from diagnosis.evidence import Evidence
+from diagnosis.fabric_task import BASE_JITTER
+from diagnosis.features import measure
+from diagnosis.fresh import FreshLook, Sized, with_effects
+from diagnosis.reference import make_reference
+from diagnosis.responses import Responses, responses_with
+from diagnosis.scene import SimulationScene
+from diagnosis.simulator import Simulator
+from diagnosis.sizes import nodes
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+
+TILT = {SCALAR: 8.0}
+NAMES = ("panel_tilt", "air_draft", "crease", "panel_friction", "camera_rotation", "bending_hysteresis", "dropout")
+
+
+def cause_of(first: str, second: str | None = None) -> Cause:
+    """One effect, or two, for certain."""
+    singles = {name: Evidence(name, 0.0, 0.0, {}, TILT, TILT, 0.0, {}) for name in ("none", *NAMES)}
+    probabilities = dict.fromkeys(singles, 0.0) | {first: 0.51 if second else 1.0}
+    if second is None:
+        return Cause(probabilities, singles, 10.0)
+    pair = Pair(first, second, {first: TILT, second: TILT}, singles[second])
+    return Cause(probabilities | {second: 0.49}, singles, 10.0, pair, 1.0)
+
+
+@dataclass(frozen=True)
+class Captured:
+    """What of a capture's result is needed."""
+
+    id: str
+    scene: str
+    responses: Responses
+    base: Any = None
+
+
+@dataclass(frozen=True)
+class Fabric:
+    """What of a fabric's result is needed."""
+
+    task: Any
+    captures: tuple[Captured, ...]
+
+
+class Look(FreshLook):
+    """Says what it was asked to simulate."""
+
+    asked: list[tuple[str, list[Sized]]]
+
+    def drape(self, capture: Any, effects: Sequence[Sized], fabric: Any = None) -> Any:
+        self.asked.append((capture.id, list(effects)))
+        return SimpleNamespace(drape=SimpleNamespace(ok=capture.id != "lost"))
+
+    def seen(self, capture: Any, effects: Sequence[Sized] = ()) -> Any:
+        return with_effects(SimulationScene(Setup.nominal("stretch")), effects)
+
+
+def look_of(*captures: tuple[str, str]) -> Look:
+    rows = {n: (np.zeros((len(nodes(get_effect(n))), 3)), np.zeros((1, 1))) for n in NAMES}
+    known = {("dropout", "quantisation"): (np.ones((1, 3)), np.ones((1, 1)))}
+    responses = Responses(np.zeros((7, 3)), np.zeros((8, 3)), np.zeros(3), np.zeros(3), rows, np.zeros(1), known)
+    simulator: Any = None
+    result: Any = Fabric(SimpleNamespace(parameters="own"), tuple(Captured(*own, responses) for own in captures))
+    look = Look(simulator, result)
+    look.asked = []
+    return look
+
+
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """What responses were asked for; each is all ones."""
+    asked: list[tuple[Any, ...]] = []
+
+    def responses(simulator: Any, fabric: Any, scene: SimulationScene, state: Any, effects: Sequence[str]) -> Any:
+        asked.append((fabric, scene, list(effects)))
+        return {name: (np.ones((len(nodes(get_effect(name))), 3)), np.zeros((1, 1))) for name in effects}
+
+    monkeypatch.setattr(beside, "responses_with", responses)
+    return asked
+
+
+def test_second_effects_on_the_cloth_are_measured_with_the_first_on(measured: list[tuple[Any, ...]]) -> None:
+    """Not its twin, what holds the cloth, differs from repeat to repeat, or moves no cloth; in one scene only."""
+    look = look_of(("one", "stretch"), ("lost", "stretch"), ("other", "hanging"))
+    seen = beside.look_beside({"f1": look}, cause_of("panel_tilt"), "stretch")["f1"]
+    assert look.asked == [("one", [("panel_tilt", TILT)]), ("lost", [("panel_tilt", TILT)])]
+    ((fabric, scene, effects),) = measured
+    assert (fabric, effects) == ("own", ["crease"])
+    nominal = SimulationScene(Setup.nominal("stretch"))
+    assert scene == with_effects(nominal, [("panel_tilt", TILT)]) != nominal
+    one, lost, other = (capture.responses.beside for capture in seen.result.captures)
+    assert set(one) == {("dropout", "quantisation"), ("crease", "panel_tilt")}
+    assert (one["crease", "panel_tilt"][0] == 1.0).all()
+    assert set(lost) == set(other) == {("dropout", "quantisation")}
+    assert set(seen.beside) == {"one"} and set(seen.beside["one"]) == {("crease", "panel_tilt")}
+
+
+def test_a_size_that_was_simulated_serves_where_it_is_near(measured: list[tuple[Any, ...]]) -> None:
+    for simulated, used in ((7.7, 7.7), (6.0, 8.0)):
+        look = look_of(("one", "stretch"))
+        look.sizes["panel_tilt"] = [{SCALAR: 3.0}, {SCALAR: simulated}]
+        beside.look_beside({"f1": look}, cause_of("panel_tilt"), "stretch")
+        assert look.asked == [("one", [("panel_tilt", {SCALAR: used})])]
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("none", None),
+        ("camera_rotation", None),
+        ("bending_hysteresis", None),
+        ("panel_friction", None),
+        ("panel_tilt", "dropout"),
+    ],
+)
+def test_nothing_is_measured_where_no_effect_on_the_cloth_leads_or_another_one_explains_the_rest(
+    first: str, second: str | None, measured: list[tuple[Any, ...]]
+) -> None:
+    looks = {"f1": look_of(("one", "stretch"))}
+    assert beside.look_beside(looks, cause_of(first, second), "stretch") == looks
+    assert measured == [] and looks["f1"].asked == []
+
+
+def test_a_draft_beside_a_strong_one_moves_the_cloth_by_what_both_change_more_than_one(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """On cells of 20 mm the response is the change itself: between two simulations that both have the first effect."""
+    simulator = Simulator(DrapeCache(tmp_path_factory.mktemp("drapes")))
+    fabric, mesh = FabricParameters(1000.0, 800.0, 300.0, 1.5e-5, 1.5e-5, 1.5e-5, 0.2), GridMesh(0.02)
+    scene = with_effects(SimulationScene(Setup.nominal("stretch")), [("panel_adhesion", {SCALAR: 1.0})])
+    state = simulator.put_up(mesh, fabric, scene, 0, BASE_JITTER)
+    found = responses_with(simulator, fabric, scene, state, ["air_draft"])["air_draft"][0]
+    draft = get_effect("air_draft")
+    sizes = [size[SCALAR] for size in nodes(draft)]
+    weak = sizes.index(min(size for size in sizes if size > 0.0))
+    coarse = simulator.coarser(state, fabric, scene)
+    blown = draft.apply(scene, {SCALAR: sizes[weak]})
+    own = make_reference(coarse.drape, scene)
+    change = (
+        measure(picture_of(simulator.proceed(coarse, fabric, blown).drape, blown), own, with_pixels=False).vector()
+        - measure(picture_of(coarse.drape, scene), own, with_pixels=False).vector()
+    )
+    both = np.isfinite(change)
+    error = np.sqrt(np.mean((found[weak][both] - change[both]) ** 2))
+    assert error < 0.2 * np.sqrt(np.mean(change[both] ** 2))  # seen by half as many pixels
+    strong = sizes.index(max(sizes))
+    np.testing.assert_allclose(found[strong], 2.0 * found[weak])  # not simulated: in proportion
+    before = simulator.cost.simulations
+    responses_with(simulator, fabric, scene, state, ["air_draft"])
+    assert simulator.cost.simulations == before
