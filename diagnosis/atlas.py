@@ -15,9 +15,12 @@ from diagnosis.drape_cache import DrapeCache, drape_key
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
+from diagnosis.fresh import is_mechanical
 from diagnosis.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS
 from diagnosis.simulator import Cost
 from diagnosis.sizes import nodes, shortcuts
+from diagnosis.together import CANDIDATES as PAIRS
+from diagnosis.together import ROUNDS as PAIR_ROUNDS
 from diagnosis.version import RESPONSES_VERSION, SIMULATION_VERSION
 from renderer.atomic import write_atomically
 from simcore.errors import InputError
@@ -37,7 +40,8 @@ class Forecast:
         simulations: still to be solved, about, where all captures of a fabric in a scene show the same folds.
         seconds: CPU seconds that takes, about.
         most_simulations, most_seconds: the same where each capture shows folds of its own, which bring their own
-            responses, and where looking closer changes which effects are looked at.
+            responses, where looking closer changes which effects are looked at, and where an effect on the cloth leads,
+            beside which others are looked for.
         ready: fabrics whose base states are already at hand.
         fabrics: of the set.
     """
@@ -130,12 +134,13 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
         for name in {capture.scene.setup.scene.value for capture in task.captures}:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
             looks = CANDIDATES if name == "stretch" else 0
-            further = ROUNDS * (CANDIDATES + LATER_CANDIDATES) if name == "stretch" else 0
+            further = ROUNDS * (CANDIDATES + LATER_CANDIDATES) + PAIR_ROUNDS * PAIRS if name == "stretch" else 0
+            beside = _beside(task.effects) if name == "stretch" else 0
             one = _variations(task.effects, name, len(own[0].scene.setup.pins_m))
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)
-            most += (bases, len(own) * one, len(own) * (1 + further))
+            most += (bases, len(own) * (one + beside), len(own) * (1 + further))
     each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])
     totals = [(int(number.sum()), float(number @ each)) for number in (counts, most)]
     return Forecast(*totals[0], *totals[1], ready, len(tasks))
@@ -148,6 +153,12 @@ def _variations(effects: Sequence[str], scene: str, pins: int) -> int:
         if effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT):
             count += len(nodes(effect)) - (len(shortcuts(effect)) if scene == "hanging" else 0)
     return count
+
+
+def _beside(effects: Sequence[str]) -> int:
+    """Variations of a state with an effect on, beside which others are looked for."""
+    able = [get_effect(name) for name in effects if is_mechanical(get_effect(name))]
+    return sum(len(nodes(effect)) - len(shortcuts(effect)) for effect in able)
 
 
 def _at_hand(task: FabricTask, cache: DrapeCache) -> bool:

@@ -82,7 +82,11 @@ class DiagnosisOptions:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """A report with what it rests on, for pictures and further analysis."""
+    """A report with what it rests on, for pictures and further analysis.
+
+    Attributes:
+        pin_radius_m: of magnets that turned out to hold otherwise than stated; None where they hold as stated.
+    """
 
     report: GapReport
     results: tuple[FabricResult, ...]
@@ -92,6 +96,7 @@ class Diagnosis:
     assumed: tuple[str, ...]
     held: tuple[Held, ...] = ()
     looks: Mapping[str, FreshLook] = field(default_factory=dict)
+    pin_radius_m: float | None = None
 
 
 Progress = Callable[[float], None]
@@ -241,7 +246,8 @@ class _Conclusion:
         again = self.workers.map(partial(explain_fabric, cache=cache), [with_other_grip(r.task) for r in results])
         new = {r.task.id: FreshLook(Simulator(cache), r) for r in again}
         said = (*assumed, held.sentence(stated))
-        return self.of(again, new, said, began, lpips, spent=_cost(results, looks))
+        found = self.of(again, new, said, began, lpips, spent=_cost(results, looks))
+        return replace(found, pin_radius_m=again[0].task.captures[0].scene.setup.pin_radius_m)
 
     def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
         """All explanations weighed, two effects together included."""

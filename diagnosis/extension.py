@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from diagnosis.effects import get_effect
 from diagnosis.report import GapReport
@@ -14,6 +15,7 @@ from renderer.atomic import write_atomically
 from simcore.errors import InputError
 
 FORMAT: Final = "drapemeter-simulator/1"
+MOST_PIN_RADIUS_M = 0.1
 
 
 class AppliedEffect(BaseModel):
@@ -31,16 +33,27 @@ class AppliedEffect(BaseModel):
 
 
 class SimulatorExtension(BaseModel):
-    """What to add to the baseline simulation."""
+    """What to add to the baseline simulation, and how its magnets hold the cloth.
+
+    Attributes:
+        effects: in the order in which they are applied.
+        pin_radius_m: what a magnet holds round its corner, 0 for a point; None: as in the baseline.
+    """
 
     model_config = ConfigDict(frozen=True)
 
     format: Literal["drapemeter-simulator/1"] = FORMAT
     effects: tuple[AppliedEffect, ...]
+    pin_radius_m: float | None = Field(default=None, ge=0.0, le=MOST_PIN_RADIUS_M, allow_inf_nan=False)
 
     @classmethod
-    def of(cls, report: GapReport) -> SimulatorExtension:
-        """The effects that a report names; none where it names none."""
+    def of(cls, report: GapReport, pin_radius_m: float | None = None) -> SimulatorExtension:
+        """The effects that a report names; none where it names none.
+
+        Args:
+            report: of a diagnosis.
+            pin_radius_m: of magnets that it found to hold the cloth otherwise than stated.
+        """
         found = []
         for effect in report.cause.effects:
             known = get_effect(effect.name)
@@ -48,7 +61,7 @@ class SimulatorExtension(BaseModel):
             magnitude = effect.magnitude
             size = dict(magnitude) if isinstance(magnitude, dict) else {**known.size(magnitude), **place}
             found.append(AppliedEffect(name=effect.name, size=known.size(size)))
-        return cls(effects=tuple(found))
+        return cls(effects=tuple(found), pin_radius_m=pin_radius_m)
 
     @classmethod
     def load(cls, path: Path) -> SimulatorExtension:
@@ -75,7 +88,9 @@ class SimulatorExtension(BaseModel):
         write_atomically(path, (self.model_dump_json(indent=1) + "\n").encode())
 
     def apply(self, scene: SimulationScene) -> SimulationScene:
-        """A scene with the effects on."""
+        """A scene with the effects on, held as it says."""
+        if self.pin_radius_m is not None:
+            scene = scene.with_setup(replace(scene.setup, pin_radius_m=self.pin_radius_m))
         for effect in self.effects:
             scene = get_effect(effect.name).apply(scene, effect.size)
         return scene

@@ -115,7 +115,9 @@ def dataset(
 def describe_simulator(configuration: SweepConfiguration) -> str:
     """One line for people."""
     effects = " ".join(f"--effect {effect.option}" for effect in configuration.simulator)
-    return f"simulated with {effects}" if effects else "the simulator file names no effect: the plain simulator"
+    held = "" if configuration.pin_radius_m is None else f"magnets that hold {1e3 * configuration.pin_radius_m:g} mm"
+    found = " and ".join(part for part in (effects, held) if part)
+    return f"simulated with {found}" if found else "the simulator file names no effect: the plain simulator"
 
 
 def parse_ranges(texts: list[str]) -> dict[str, tuple[float, float]]:

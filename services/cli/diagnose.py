@@ -119,7 +119,7 @@ def _diagnose(
     document = found.report.as_json()
     write_atomically(out / "report.json", (json.dumps(document, indent=1) + "\n").encode())
     if apply:
-        SimulatorExtension.of(found.report).save(out / "simulator.json")
+        SimulatorExtension.of(found.report, found.pin_radius_m).save(out / "simulator.json")
     if json_output:
         console.emit_json(document)
         return

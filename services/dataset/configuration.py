@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from diagnosis.extension import AppliedEffect
+from diagnosis.extension import MOST_PIN_RADIUS_M, AppliedEffect
 from renderer.sensor import named_sensor
 from renderer.store import StoreLayout
 from services.dataset.solver_kind import SolverKind
@@ -27,7 +27,7 @@ MAX_INCLINATION_DEG = 5.0
 IDEAL = "ideal"
 """The sensor that changes nothing."""
 
-ADDED_LATER: Mapping[str, Any] = MappingProxyType({"simulator": [], "solver": "single"})
+ADDED_LATER: Mapping[str, Any] = MappingProxyType({"simulator": [], "pin_radius_m": None, "solver": "single"})
 """Settings that stores of earlier versions do not state, and what they were made with."""
 
 FULL_SHARD = 32
@@ -54,6 +54,7 @@ class SweepConfiguration(BaseModel):
         time_limit_s: CPU seconds after which a simulation is given up.
         sensor: name of the sensor model that the depth goes through (:data:`renderer.sensor.SENSORS`).
         simulator: effects that are simulated beyond the baseline, each with its size.
+        pin_radius_m: what a magnet holds round its corner; None: as in the baseline.
         solver: one simulation after the other, or a shard at once on the CPU or a GPU.
     """
 
@@ -72,6 +73,7 @@ class SweepConfiguration(BaseModel):
     time_limit_s: float = Field(default=120.0, gt=0)
     sensor: str = IDEAL
     simulator: tuple[AppliedEffect, ...] = ()
+    pin_radius_m: float | None = Field(default=None, ge=0.0, le=MOST_PIN_RADIUS_M, allow_inf_nan=False)
     solver: SolverKind = SolverKind.SINGLE
 
     @field_validator("scenes")

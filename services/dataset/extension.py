@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,15 +26,6 @@ MOST_PANEL_SHIFT_M = 1e-3
 """Pictures of a store are read against the panel where it should be; what stands 2 mm off it is taken for cloth."""
 
 
-def load_effects(path: Path) -> tuple[AppliedEffect, ...]:
-    """The effects of a ``simulator.json``, as ``drapemeter diagnose --apply`` writes it.
-
-    Raises:
-        InputError: it cannot be read, is of another form, or names what the catalogue does not have.
-    """
-    return SimulatorExtension.load(path).effects
-
-
 def build_scene(configuration: SweepConfiguration, scene: str, seed: int) -> SimulationScene:
     """Set-up, mechanics, camera and sensor of one simulation of a sweep.
 
@@ -45,9 +35,8 @@ def build_scene(configuration: SweepConfiguration, scene: str, seed: int) -> Sim
         InputError: an effect has no physical meaning at its size.
     """
     built = SimulationScene(Setup.nominal(scene), sensor=named_sensor(configuration.sensor))
-    if not configuration.simulator:
-        return built
-    return SimulatorExtension(effects=_of_simulation(configuration.simulator, seed)).apply(built)
+    effects = _of_simulation(configuration.simulator, seed)
+    return SimulatorExtension(effects=effects, pin_radius_m=configuration.pin_radius_m).apply(built)
 
 
 def _of_simulation(effects: Sequence[AppliedEffect], seed: int) -> tuple[AppliedEffect, ...]:

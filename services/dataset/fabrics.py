@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.extension import AppliedEffect
+from diagnosis.extension import AppliedEffect, SimulatorExtension
 from services.dataset.configuration import SweepConfiguration, digest
-from services.dataset.extension import check_effects, load_effects
+from services.dataset.extension import check_effects
 from simcore.errors import InputError
 from simcore.parameters import FabricParameters
 from simcore.prior import FabricPrior, is_admissible
@@ -46,7 +46,7 @@ def plan_sweep(
     design: str = "sobol",
     fabrics: Path | None = None,
     materials: int | None = None,
-    simulator: Path | Sequence[AppliedEffect] = (),
+    simulator: Path | SimulatorExtension | Sequence[AppliedEffect] = (),
     **settings: Any,
 ) -> tuple[SweepConfiguration, FabricTable]:
     """Resolve a sweep from what the user gave.
@@ -55,7 +55,7 @@ def plan_sweep(
         design: ``sobol``, ``random``, ``grid`` or ``list``; a file of fabrics means ``list``.
         fabrics: CSV or JSON file of a ``list``.
         materials: number of fabrics; of a grid, the most; of a list, only the first so many.
-        simulator: ``simulator.json`` of a diagnosis, or its effects; none for the baseline.
+        simulator: ``simulator.json`` of a diagnosis, what is in it, or its effects; none for the baseline.
         settings: the other fields of :class:`SweepConfiguration`.
 
     Raises:
@@ -73,12 +73,16 @@ def plan_sweep(
     elif kind is DesignKind.GRID and materials is not None:
         listed = log_grid(FabricPrior.default(ranges).ranges, materials)
     count = materials if listed is None else len(listed)
+    extension = SimulatorExtension.load(simulator) if isinstance(simulator, Path) else simulator
+    if not isinstance(extension, SimulatorExtension):
+        extension = SimulatorExtension(effects=tuple(extension))
     configuration = SweepConfiguration.resolve(
         materials=count,
         design=kind,
         ranges=ranges,
         fabrics_digest="" if listed is None else digest(listed),
-        simulator=load_effects(simulator) if isinstance(simulator, Path) else tuple(simulator),
+        simulator=extension.effects,
+        pin_radius_m=extension.pin_radius_m,
         **settings,
     )
     _ = configuration.mesh  # an unusable resolution is told now

@@ -15,6 +15,7 @@ import pytest
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.drape_cache import DrapeCache
+from diagnosis.extension import SimulatorExtension
 from diagnosis.fresh import Sized
 from diagnosis.grip import Grip, _left, judge_grip, with_other_grip
 from diagnosis.preparation import prepare_tasks
@@ -173,11 +174,13 @@ def test_points_stated_as_patches_are_found_out(
     assert found.report.cause.top == "none"
     assert all(c.scene.setup.pin_radius_m == 0.0 for r in found.results for c in r.task.captures)
     assert found.report.gap.value < 1.0
+    extended = SimulatorExtension.of(found.report, found.pin_radius_m)
+    assert extended.pin_radius_m == 0.0 and extended.apply(PATCHES).setup.pin_radius_m == 0.0
 
 
 def test_points_stated_as_points_are_left_as_they_are(points: Path, kept: DrapeCache) -> None:
     right = diagnose(stated(points, 0.0), OPTIONS, cache=kept)
-    assert not any("magnets" in text for text in right.assumed)
+    assert not any("magnets" in text for text in right.assumed) and right.pin_radius_m is None
     assert right.report.cause.top == "none"
     for look in right.looks.values():
         point, patch, _ = _left(look, ())

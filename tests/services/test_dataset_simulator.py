@@ -16,6 +16,7 @@ import pytest
 from diagnosis.extension import AppliedEffect, SimulatorExtension
 from renderer.camera import CANONICAL_CAMERA
 from renderer.store import Store
+from services.cli.dataset import describe_simulator
 from services.cli.main import run
 from services.dataset.configuration import differences
 from services.dataset.extension import build_scene
@@ -87,6 +88,8 @@ def test_a_store_from_before_effects_is_one_without() -> None:
         (None, "file_unreadable"),
         ("{", "extension_invalid"),
         ('{"format": "drapemeter-simulator/2", "effects": []}', "extension_invalid"),
+        ('{"format": "drapemeter-simulator/1", "effects": [], "pin_radius_m": -0.01}', "extension_invalid"),
+        ('{"format": "drapemeter-simulator/1", "effects": [], "pin_radius_m": 0.4}', "extension_invalid"),
         ([("draught", {"magnitude": 1.0})], "effect_unknown"),
         ([("air_draft", {"force": 1.0})], "effect_component_unknown"),
         ([("hem_weight", {"magnitude": -9.0})], "mechanics"),
@@ -128,6 +131,23 @@ def test_effects_of_every_stage_reach_the_simulation_and_its_pictures() -> None:
     assert frozen[0] != frozen[1], "each handling leaves another curvature"
 
 
+def test_magnets_hold_as_the_file_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, store = tmp_path / "simulator.json", tmp_path / "s.zarr"
+    SimulatorExtension(effects=(), pin_radius_m=0.0).save(file)
+    points, _ = plan_sweep(materials=1, simulator=file)
+    wide, _ = plan_sweep(materials=1, simulator=SimulatorExtension(effects=(DRAFT,), pin_radius_m=0.02))
+    plain, _ = plan_sweep(materials=1)
+    assert [build_scene(c, "stretch", 0).setup.pin_radius_m for c in (points, wide, plain)] == [0.0, 0.02, 0.01]
+    assert differences(json.loads(plain.model_dump_json(exclude={"pin_radius_m"})), plain) == []
+    assert differences(points.model_dump(mode="json"), plain) == ["pin_radius_m"]
+    assert describe_simulator(points) == "simulated with magnets that hold 0 mm"
+    assert describe_simulator(wide) == "simulated with --effect air_draft=magnitude:0.4 and magnets that hold 20 mm"
+    made_up_store(store, *small_sweep(simulator=file))
+    SimulatorExtension(effects=(), pin_radius_m=0.02).save(file)
+    assert run([*SMALL, "--out", str(store), "--resume", "--simulator", str(file)]) == 2
+    assert "other settings (pin_radius_m)" in capsys.readouterr().err
+
+
 def test_what_travels_is_small_and_the_driver_starts_no_solver() -> None:
     configuration, _ = plan_sweep(materials=1, simulator=[HEM, DRAFT])
     assert len(pickle.dumps(configuration)) < 3000
@@ -145,7 +165,9 @@ def test_what_travels_is_small_and_the_driver_starts_no_solver() -> None:
 def test_a_request_takes_the_same_document() -> None:
     document = json.loads(SimulatorExtension(effects=(HEM,)).model_dump_json())
     configuration, _ = DatasetInputs.model_validate({"materials": 2, "simulator": document}).plan()
-    assert configuration.simulator == (HEM,)
+    assert configuration.simulator == (HEM,) and configuration.pin_radius_m is None
+    held, _ = DatasetInputs.model_validate({"materials": 2, "simulator": {**document, "pin_radius_m": 0.0}}).plan()
+    assert held.pin_radius_m == 0.0 and held.simulator == (HEM,)
     wrong = {**document, "effects": [{"name": "draught", "size": {"magnitude": 1.0}}]}
     with pytest.raises(InputError, match="unknown effect"):
         DatasetInputs.model_validate({"materials": 2, "simulator": wrong}).check()

@@ -39,6 +39,9 @@ class SimulatorDocument(Strict):
 
     format: Literal["drapemeter-simulator/1"] = "drapemeter-simulator/1"
     effects: tuple[SimulatorEffect, ...] = Field(max_length=8)
+    pin_radius_m: float | None = Field(
+        default=None, ge=0.0, le=0.1, description="What a magnet holds round its corner [m], 0 for a point."
+    )
 
 
 class DatasetInputs(Strict):
@@ -69,10 +72,10 @@ class DatasetInputs(Strict):
 
     def plan(self) -> tuple[SweepConfiguration, FabricTable]:
         """The same for :mod:`services.dataset`."""
-        from diagnosis.extension import AppliedEffect
+        from diagnosis.extension import AppliedEffect, SimulatorExtension
         from services.dataset.fabrics import plan_sweep
 
-        found = () if self.simulator is None else self.simulator.effects
+        found = SimulatorDocument(effects=()) if self.simulator is None else self.simulator
         return plan_sweep(
             design=self.design,
             materials=self.materials,
@@ -81,7 +84,10 @@ class DatasetInputs(Strict):
             scenes=self.scenes,
             resolution_m=self.resolution_m,
             seed=self.seed,
-            simulator=[AppliedEffect(name=effect.name, size=effect.size) for effect in found],
+            simulator=SimulatorExtension(
+                effects=tuple(AppliedEffect(name=effect.name, size=effect.size) for effect in found.effects),
+                pin_radius_m=found.pin_radius_m,
+            ),
         )
 
 
