@@ -100,7 +100,7 @@ class FreshLook:
         changed = self.seen(capture, effects)
         best = capture.base
         if (changed.setup, changed.mechanics) != (scene.setup, scene.mechanics):
-            best = self._nearest(capture, changed, " ".join(name for name, _ in effects))
+            best = self._nearest(capture, changed, [name for name, _ in effects])
         if fabric is None or fabric == self.result.task.parameters:
             return best
         return self.simulator.proceed(best, fabric, changed)
@@ -110,8 +110,8 @@ class FreshLook:
         depth = next(c.depth for c in self.result.task.captures if c.id == capture.id)
         return state_distance(depth, self.drape(capture, effects).drape, self.seen(capture, effects))
 
-    def _nearest(self, capture: CaptureResult, changed: SimulationScene, names: str) -> KeyedDrape:
-        """States of the same effects at another size are where the search begins; else the state without."""
+    def _nearest(self, capture: CaptureResult, changed: SimulationScene, names: Sequence[str]) -> KeyedDrape:
+        """The search begins at states of the same effects at another size, else of all but the last, else of none."""
         fabric = self.result.task.parameters
         depth = next(c.depth for c in self.result.task.captures if c.id == capture.id)
         key = drape_key(capture.base.drape.mesh, fabric, changed.setup, changed.mechanics)
@@ -122,7 +122,9 @@ class FreshLook:
         def distance(drape: KeyedDrape) -> float:
             return state_distance(depth, drape.drape, changed) if drape.drape.ok else math.inf
 
-        begun, reached = self.begun.get((capture.id, names), (capture.base, 0.0))
+        all_on, all_but_one = ((capture.id, " ".join(on)) for on in (names, names[:-1]))
+        begun, _ = self.begun.get(all_but_one, (capture.base, 0.0))
+        begun, reached = self.begun.get(all_on, (begun, 0.0))
         first = self.simulator.proceed(begun, fabric, changed)
         best = min([first, *(drape for drape, _ in known.values())], key=distance)
         near = distance(best)
@@ -136,7 +138,7 @@ class FreshLook:
             near = distance(best)
         known[capture.id] = (best, near)
         if best.drape.ok:
-            self.begun.setdefault((capture.id, names), (best, near))
+            self.begun.setdefault(all_on, (best, near))
         return best
 
     def without_last(self, capture: CaptureResult, effects: Sequence[Sized]) -> bool:

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 ROUNDS = 3
 CANDIDATES = 2
 """So many pairs are solved in a round, and so many rendered."""
-SOLVED_NATS, LATER_NATS, RENDERED_NATS = 8.0, 2.0, 12.0
+SOLVED_NATS, LATER_NATS, RENDERED_NATS = 6.0, 2.0, 12.0
 """A pair whose log evidence is further behind is not solved, not solved after the first round, or not rendered."""
 Weigh = Callable[[Sequence[FabricResult]], Cause]
 """Probabilities from results, two effects together included."""
