@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from diagnosis import fresh
 from diagnosis.block import Block, View
+from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.fresh import bend
+from diagnosis.fresh import FreshLook, bend
 from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
 from diagnosis.reference import CELLS
+from diagnosis.scene import SimulationScene
 from diagnosis.sizes import node_weights, nodes
 from diagnosis.smooth_modes import smooth_modes
 from diagnosis.unknown import unknown_shape
+from simcore.scenes import Setup
 
 
 @pytest.mark.parametrize(
@@ -57,3 +64,42 @@ def test_a_smooth_change_that_repeats_share_is_better_explained_by_an_unknown_sh
 
     assert gain(np.tile(shape, 2) + noise) > 10.0
     assert gain(noise) < 0.0
+
+
+TILT, OTHER_TILT = ("panel_tilt", {SCALAR: 8.0}), ("panel_tilt", {SCALAR: 6.0})
+CREASE = ("crease", {SCALAR: 1.0, "down": 1.0, "position": 0.5})
+
+
+def test_a_search_begins_where_as_many_of_the_effects_as_possible_are_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a tilt a crease is sought from the state with the tilt on, and led by the capture where that is far."""
+    began: list[str] = []
+
+    class Solver:
+        def proceed(self, start: Any, fabric: Any, scene: Any) -> Any:
+            began.append(start.key)
+            return state("gone on from " + start.key, 2e-3)
+
+        def led(self, start: Any, fabric: Any, scene: Any, depth: Any) -> Any:
+            began.append("led")
+            return state("led", 1e-3)
+
+    def state(key: str, distance_m: float) -> Any:
+        return SimpleNamespace(key=key, drape=SimpleNamespace(ok=True, mesh=None, distance=distance_m))
+
+    monkeypatch.setattr(fresh, "state_distance", lambda depth, drape, scene: drape.distance)
+    monkeypatch.setattr(fresh, "drape_key", lambda mesh, fabric, setup, mechanics: repr((setup, mechanics)))
+    seen = SimpleNamespace(id="seen", depth=None, scene=SimulationScene(Setup.nominal("stretch")))
+    simulator: Any = Solver()
+    result: Any = SimpleNamespace(task=SimpleNamespace(captures=[seen], parameters=None))
+    capture: Any = SimpleNamespace(id="seen", base=state("base", 3e-3), rms_m=3e-3)
+    tilted, both = (state("tilted", 2e-3), 2e-3), (state("both", 2e-3), 2e-3)
+    for known, sizes, expected in (
+        ({}, [TILT, CREASE], ["base", "led"]),
+        ({"panel_tilt": tilted}, [TILT, CREASE], ["tilted", "led"]),  # as near as the tilt alone is not near enough
+        ({"panel_tilt": tilted}, [CREASE, TILT], ["base", "led"]),  # the last is the one that comes on
+        ({"panel_tilt": tilted, "panel_tilt crease": both}, [OTHER_TILT, CREASE], ["both"]),  # as both at another size
+    ):
+        look = FreshLook(simulator, result, begun={("seen", names): state for names, state in known.items()})
+        began.clear()
+        look.drape(capture, sizes)
+        assert began == expected

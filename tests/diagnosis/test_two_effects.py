@@ -154,8 +154,9 @@ def test_a_pair_on_the_cloth_is_not_solved_where_another_is_far_better() -> None
     """Beside a camera that stands elsewhere, say: there folds are not what is left."""
     cause = cause_of(9.0)
     (crease,) = cause.tried
-    for nats, expected in ((16.9, ["crease"]), (17.0 + 1e-9, [])):
-        turned = Pair("air_draft", "camera_rotation", {}, evidence("camera_rotation", nats))
+    for beyond, expected in ((-0.1, ["crease"]), (0.1, [])):
+        better = evidence("camera_rotation", 9.0 + together.SOLVED_NATS + beyond)
+        turned = Pair("air_draft", "camera_rotation", {}, better)
         assert [p.second for p in together.candidates(replace(cause, tried=(crease, turned)))] == expected
 
 
