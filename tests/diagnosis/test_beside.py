@@ -21,7 +21,7 @@ from diagnosis.fabric_task import BASE_JITTER
 from diagnosis.features import measure
 from diagnosis.fresh import FreshLook, Sized, with_effects
 from diagnosis.reference import make_reference
-from diagnosis.responses import Responses, responses_with
+from diagnosis.responses import Responses, find_responses, responses_with
 from diagnosis.scene import SimulationScene
 from diagnosis.simulator import Simulator
 from diagnosis.sizes import nodes
@@ -167,3 +167,6 @@ def test_a_draft_beside_a_strong_one_moves_the_cloth_by_what_both_change_more_th
     before = simulator.cost.simulations
     responses_with(simulator, fabric, scene, state, ["air_draft"])
     assert simulator.cost.simulations == before
+    picture = picture_of(state.drape, scene)
+    full = find_responses(simulator, fabric, scene, state, ["air_draft"], picture, make_reference(state.drape, scene))
+    assert not np.allclose(full.effects["air_draft"][0][strong], 2.0 * full.effects["air_draft"][0][weak])

@@ -63,6 +63,18 @@ def test_two_effects_that_are_refuted_leave_one_of_them_where_it_explains_alone(
     assert again.top == "unknown" and sum(again.probabilities.values()) == pytest.approx(1.0)
 
 
+def test_effects_have_the_sizes_that_fit_them_together_or_alone() -> None:
+    cause = two_effects(unknown=0.02)
+    names, sizes = ("edge_flying_pixels", "stretch_stiffening"), ({"magnitude": 0.4}, {"magnitude": 0.05})
+    pair = Pair(*names, dict(zip(names, sizes, strict=True)), cause.evidence["none"])
+    other = Pair(names[0], "hem_weight", {}, cause.evidence["none"])
+    cause = dataclasses.replace(cause, tried=(other, pair), probabilities={"none": 1.0})
+    assert cause.sized_as(names[::-1]) == [(names[1], sizes[1]), (names[0], sizes[0])]
+    assert cause.sized_as(names[:1]) == [(names[0], cause.evidence[names[0]].size)]
+    unseen = (names[1], "none")
+    assert cause.sized_as(unseen) == [(name, cause.evidence[name].size) for name in unseen]
+
+
 def test_two_effects_that_are_refuted_leave_nothing_named_where_neither_explains_alone() -> None:
     assert two_effects(unknown=0.09).refuted().top == "unknown"
 

@@ -11,10 +11,15 @@ import pytest
 from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
+from diagnosis import shrinkage
+from diagnosis.block import PixelBlock
+from diagnosis.cause import Cause, Pair
 from diagnosis.diagnose import Diagnosis, make_blocks
+from diagnosis.evidence import Evidence
 from diagnosis.fabric_task import FabricResult
 from diagnosis.folds import folds_of
 from diagnosis.html import render_html
+from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
 from diagnosis.shrinkage import Judge, Measured, fraction_of, hold_out, on_shapes, repeat_squares
 from diagnosis.shrinkage_report import complete
@@ -124,6 +129,26 @@ def test_held_out_shapes_are_judged_without_what_chance_does_to_them(fabrics: tu
     assert on_shapes([spacing, *chance]) == [spacing]
     (block,) = make_blocks(fabrics[:1], NOISE)
     assert not Judge({}).response(block, chance).any()
+
+
+def test_what_is_known_is_fitted_on_the_others_though_they_do_not_name_it(
+    fabrics: tuple[FabricResult, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two fabrics each is explained by the other alone, which names nothing; held out, it is judged all the same."""
+    names, sizes = ("pin_spacing", "air_draft"), ({"magnitude": 0.006}, {"magnitude": 0.3})
+    evidence = {name: Evidence(name, 0.0, 0.0, {}, {}, {}, 0.0, {}) for name in (*names, "none", "unknown")}
+    pair = Pair(*names, dict(zip(names, sizes, strict=True)), evidence["none"])
+    nothing = Cause({"none": 1.0}, evidence, 0.0, tried=(pair,))
+    both = Cause({names[0]: 0.51, names[1]: 0.49}, evidence, 0.0, pair, 1.0)
+    monkeypatch.setattr(shrinkage, "name_cause", lambda *given, **options: nothing)
+    blocks = make_blocks(fabrics, NOISE)
+    pixels = PixelBlock(np.zeros(0), {}, sensor_known=True)
+    folds = folds_of(fabrics, blocks, NOISE)
+    for known, expected in ((True, tuple(zip(names, sizes, strict=True))), (False, ())):
+        found = shrinkage.measure_shrinkage(both, names, folds, pixels, LikelihoodModel(), known=known)
+        assert found is not None and len(found.held) == 2
+        assert all(one.effects == expected for one in found.held)
+        assert all((one.squares[-1, 1] == one.squares[-1, 0]) is not known for one in found.held)
 
 
 def test_what_a_camera_or_sensor_changes_shrinks_in_depth_too(make_set: MakeSet, explain: Diagnose) -> None:

@@ -162,7 +162,12 @@ def test_a_pair_on_the_cloth_is_not_solved_where_another_is_far_better() -> None
 
 @pytest.mark.parametrize(
     ("sizes", "nats", "expected"),
-    [((1.0, 1.05), 9.0, [1.0]), ((1.0, 1.5), 9.0, [1.0, 1.5]), ((1.0, 1.5), 7.9, [1.0])],
+    [
+        ((1.0, 1.05), 9.0, [1.0]),
+        ((1.0, 1.5), 9.0, [1.0, 1.5]),
+        ((1.0, 1.5), 7.9, [1.0]),
+        ((1.0, 1.5, 2.2, 3.2), 9.0, [1.0, 1.5, 2.2]),
+    ],
 )
 def test_a_pair_is_simulated_again_only_where_its_sizes_moved_and_it_is_near(
     sizes: tuple[float, ...], nats: float, expected: list[float], monkeypatch: pytest.MonkeyPatch
@@ -209,7 +214,11 @@ def test_both_responses_give_what_was_simulated_with_both_on() -> None:
 
     np.testing.assert_allclose(own + beside(1.0), change, atol=1e-9)
     other = replace(pair, sizes=SIZES | {"crease": CREASE | {SCALAR: -0.5}})
-    shown = together.with_both(look, shown, [other])  # what was known before is kept
+    for _ in range(2):
+        shown = together.with_both(look, shown, [other])  # what was known before is kept
+    assert [sizes[1] for sizes in look.together["crease", "air_draft"]] == [
+        ("crease", pair.sizes["crease"]) for pair in (pair, other)
+    ]
     for size in (1.0, -0.5):
         np.testing.assert_allclose(own + beside(size), size * change, atol=0.15)
     measured = {("crease", "air_draft"): (rows["crease"][0] + 3.0, np.ones((1, 1)))}
