@@ -8,6 +8,7 @@ from functools import partial
 
 from diagnosis.cause import Cause
 from diagnosis.effects import get_effect
+from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook, Sized, is_mechanical
 from diagnosis.groups import group_of
 from diagnosis.refinement import alike, leader
@@ -44,21 +45,20 @@ def _looked_at(look: FreshLook, first: Sized, scene: str) -> FreshLook:
 
     name, size = first
     known = [old for old in look.sizes.get(name, []) if alike(size, old, get_effect(name))]
-    on = [(name, known[-1] if known else size)]
-    captures = []
+    on = (name, known[-1] if known else size)
     with threadpool_limits(1):
-        for capture in look.result.captures:
-            state = look.drape(capture, on) if capture.scene == scene else capture.base
-            if capture.scene == scene and state.drape.ok:
-                seconds = [n for n in capture.responses.effects if is_mechanical(get_effect(n)) and _apart(n, name)]
-                fabric = look.result.task.parameters
-                found = responses_with(look.simulator, fabric, look.seen(capture, on), state, seconds)
-                look.beside[capture.id] = {(second, name): rows for second, rows in found.items()}
-                both = {**capture.responses.beside, **look.beside[capture.id]}
-                capture = replace(capture, responses=replace(capture.responses, beside=both))
-            captures.append(capture)
+        captures = [_measured(look, c, on) if c.scene == scene else c for c in look.result.captures]
     return replace(look, result=replace(look.result, captures=tuple(captures)))
 
 
-def _apart(name: str, other: str) -> bool:
-    return name not in group_of(other)
+def _measured(look: FreshLook, capture: CaptureResult, on: Sized) -> CaptureResult:
+    """With the responses of all others beside an effect of some size; as it was where that does not come to rest."""
+    first, state = on[0], look.drape(capture, [on])
+    if not state.drape.ok:
+        return capture
+    able = [name for name in capture.responses.effects if is_mechanical(get_effect(name))]
+    seconds = [name for name in able if name not in group_of(first)]
+    found = responses_with(look.simulator, look.result.task.parameters, look.seen(capture, [on]), state, seconds)
+    look.beside[capture.id] = {(second, first): rows for second, rows in found.items()}
+    beside = {**capture.responses.beside, **look.beside[capture.id]}
+    return replace(capture, responses=replace(capture.responses, beside=beside))
