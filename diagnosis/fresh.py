@@ -78,6 +78,18 @@ class FreshLook:
     together: dict[tuple[str, str], list[list[Sized]]] = field(default_factory=dict)
     through: tuple[Sized, ...] = ()
 
+    def copy(self) -> FreshLook:
+        """One that may learn more without this one knowing."""
+        return replace(
+            self,
+            found={key: dict(known) for key, known in self.found.items()},
+            begun=dict(self.begun),
+            sizes={name: list(sizes) for name, sizes in self.sizes.items()},
+            coarse=dict(self.coarse),
+            beside={key: dict(rows) for key, rows in self.beside.items()},
+            together={names: list(sizes) for names, sizes in self.together.items()},
+        )
+
     def scene_of(self, capture: CaptureResult) -> SimulationScene:
         """The simulation that should give a capture, without effects."""
         return next(c.scene for c in self.result.task.captures if c.id == capture.id)

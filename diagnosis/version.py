@@ -1,6 +1,6 @@
 """Versions: of the diagnosis, which every report states, and of what it keeps, which are in the keys of the cache."""
 
-MODEL_VERSION = "drapemeter-diagnosis/17"
+MODEL_VERSION = "drapemeter-diagnosis/18"
 SIMULATION_VERSION = 2
 """Raised when the solver's results change: cached drapes of another number are not used."""
 RESPONSES_VERSION = 2

@@ -103,3 +103,19 @@ def test_a_search_begins_where_as_many_of_the_effects_as_possible_are_on(monkeyp
         began.clear()
         look.drape(capture, sizes)
         assert began == expected
+
+
+def test_a_copy_learns_without_the_first_one_knowing() -> None:
+    nothing: Any = None
+    first = FreshLook(
+        nothing, nothing, {"state": {}}, {}, {"crease": []}, {}, {"capture": {}}, {("crease", "draft"): []}
+    )
+    copy = first.copy()
+    copy.found["state"]["capture"] = copy.begun["capture", "crease"] = nothing
+    copy.found["other"] = {}
+    copy.sizes["crease"].append({SCALAR: 1.0})
+    copy.coarse["capture"] = nothing
+    copy.beside["capture"]["crease", "draft"] = nothing
+    copy.together["crease", "draft"].append([])
+    assert (first.found, first.begun, first.sizes, first.coarse) == ({"state": {}}, {}, {"crease": []}, {})
+    assert (first.beside, first.together) == ({"capture": {}}, {("crease", "draft"): []})

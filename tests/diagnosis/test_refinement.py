@@ -6,6 +6,8 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
 from diagnosis.refinement import look_again
 
 
@@ -53,3 +55,44 @@ def test_beside_effects_on_the_cloth_that_are_looked_at_anyway_two_more_are() ->
     beside = {"pin_drop": 2.7, "hem_weight": 2.6, "corner_pull": 1.3}
     rounds = wanted({"panel_tilt": 50.0, "pin_spacing": 47.0}, beside)
     assert rounds == [["panel_tilt", "pin_spacing", "pin_drop", "hem_weight"]]
+
+
+def on_trial(alone: dict[str, float], named: list[str]) -> tuple[list[list[str]], bool]:
+    """What was simulated, effects being named once something was; whether what that shows was kept."""
+    first, other = (SimpleNamespace(result=name) for name in ("as it was", "simulated"))
+    first.copy = lambda: SimpleNamespace(result="copied")
+
+    class Simulating(Watcher):
+        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
+            super().map(work, items)
+            assert all(item is not first for item in items)  # it would learn what is only on trial
+            return [other]
+
+    def weigh(results: list[str], found: Any) -> Any:
+        cause = cause_of(alone)
+        cause.named = () if results == ["as it was"] else tuple(named)
+        return cause
+
+    watcher = Simulating()
+    looks: Any = {"f1": first}
+    kept = look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
+    return watcher.wanted, kept["f1"] is other  # type: ignore[comparison-overlap]
+
+
+FAR = {"corner_pull": -7.7, "off_grain": -5.8, "pin_spacing": -6.3, "stretch_stiffening": -7.9}
+
+
+@pytest.mark.parametrize(("named", "kept"), [(["off_grain"], True), (["stretch_stiffening"], False), ([], False)])
+def test_where_nothing_leads_effects_from_further_behind_count_where_one_of_them_is_named(
+    named: list[str], kept: bool
+) -> None:
+    assert on_trial(FAR, named) == ([["off_grain", "pin_spacing", "corner_pull"]], kept)
+
+
+def test_what_is_too_far_behind_is_not_tried() -> None:
+    assert on_trial({"corner_pull": -8.1}, ["corner_pull"]) == ([], False)
+
+
+def test_where_an_effect_leads_and_beside_it_others_are_not_looked_at_from_so_far() -> None:
+    rounds = wanted({"panel_tilt": 50.0, "pin_spacing": 44.0}, {"hem_weight": -6.0, "off_grain": -4.9})
+    assert rounds == [["panel_tilt", "off_grain"]]
