@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -137,6 +137,19 @@ def test_nothing_is_measured_where_no_effect_on_the_cloth_leads_or_another_one_e
 ) -> None:
     looks = {"f1": look_of(("one", "stretch"))}
     assert beside.look_beside(looks, cause_of(first, second), "stretch") == looks
+    assert measured == [] and looks["f1"].asked == []
+
+
+def test_nothing_is_measured_beside_what_leads_unnamed_and_does_not_move_the_cloth(
+    measured: list[tuple[Any, ...]],
+) -> None:
+    looks, cause = {"f1": look_of(("one", "stretch"))}, cause_of("camera_rotation")
+    evidence = {**cause.evidence, "unknown": replace(cause.evidence["none"], name="unknown")}
+    cause = replace(
+        cause, probabilities={**cause.probabilities, "camera_rotation": 0.4, "unknown": 0.6}, evidence=evidence
+    )
+    assert cause.named == ()
+    assert beside.look_beside(looks, cause, "stretch") == looks
     assert measured == [] and looks["f1"].asked == []
 
 
