@@ -150,6 +150,13 @@ def test_pairs_that_may_be_the_answer_are_simulated() -> None:
     assert together.candidates(cause_of(12.0, "bending_hysteresis")) == []
 
 
+def test_a_pair_that_is_worse_than_nothing_is_not_simulated() -> None:
+    for none, expected in ((6.9, ["crease"]), (7.1, [])):
+        cause = cause_of(7.0)
+        cause = replace(cause, evidence={**cause.evidence, "none": evidence("none", none)})
+        assert [p.second for p in together.candidates(cause)] == expected
+
+
 def test_a_pair_on_the_cloth_is_not_solved_where_another_is_far_better() -> None:
     """Beside a camera that stands elsewhere, say: there folds are not what is left."""
     cause = cause_of(9.0)
