@@ -150,6 +150,12 @@ def test_pairs_that_may_be_the_answer_are_simulated() -> None:
     assert together.candidates(cause_of(12.0, "bending_hysteresis")) == []
 
 
+def test_only_the_likeliest_pairs_are_solved() -> None:
+    ones = [cause_of(nats).tried[0] for nats in (8.0, 9.5, 9.0, 8.5)]
+    likely = together.candidates(replace(cause_of(9.0), tried=tuple(ones)))
+    assert [p.evidence.log_evidence for p in likely] == [9.5, 9.0]
+
+
 def test_a_pair_that_is_worse_than_nothing_is_not_simulated() -> None:
     for none, expected in ((6.9, ["crease"]), (7.1, [])):
         cause = cause_of(7.0)
