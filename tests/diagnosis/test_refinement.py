@@ -57,6 +57,35 @@ def test_beside_effects_on_the_cloth_that_are_looked_at_anyway_two_more_are() ->
     assert rounds == [["panel_tilt", "pin_spacing", "pin_drop", "hem_weight"]]
 
 
+@pytest.mark.parametrize(
+    ("alone", "beside", "rounds"),
+    [
+        # later, what is near: the two likeliest, one of which was simulated
+        (
+            ({"panel_tilt": 50.0}, {"panel_tilt": 50.0, "pin_spacing": 49.0, "hem_weight": 48.0}),
+            ({}, {}),
+            [["panel_tilt"], ["pin_spacing"]],
+        ),
+        # later, beside what is not on the cloth: two as well
+        (
+            ({"sensor_smoothing": 50.0},) * 2,
+            ({"hem_weight": 1.0}, {"hem_weight": 1.0, "pin_spacing": 0.9, "corner_pull": 0.8, "off_grain": 0.7}),
+            [["hem_weight"], ["pin_spacing"]],
+        ),
+    ],
+)
+def test_in_the_second_round_fewer_are_looked_at(alone: Any, beside: Any, rounds: list[list[str]]) -> None:
+    watcher = Watcher()
+
+    def weigh(results: list[Any], first: Any) -> Any:
+        number = min(len(watcher.wanted), 1)
+        return cause_of(alone[number] if first is None else beside[number])
+
+    looks: Any = {"f1": SimpleNamespace(result=None)}
+    look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
+    assert watcher.wanted == rounds
+
+
 def on_trial(alone: dict[str, float], named: list[str]) -> tuple[list[list[str]], bool]:
     """What was simulated, effects being named once something was; whether what that shows was kept."""
     first, other = (SimpleNamespace(result=name) for name in ("as it was", "simulated"))
@@ -87,6 +116,39 @@ def test_where_nothing_leads_effects_from_further_behind_count_where_one_of_them
     named: list[str], kept: bool
 ) -> None:
     assert on_trial(FAR, named) == ([["off_grain", "pin_spacing", "corner_pull"]], kept)
+
+
+def test_what_was_simulated_already_is_not_tried_again() -> None:
+    nearer = FAR | {"off_grain": -4.0}
+    watcher = Watcher()
+    looks: Any = {"f1": SimpleNamespace(result=None, copy=lambda: SimpleNamespace(result=None))}
+
+    def weigh(results: list[Any], found: Any) -> Any:
+        cause = cause_of(nearer)
+        cause.named = ()
+        return cause
+
+    look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
+    assert watcher.wanted == [["off_grain"], ["pin_spacing", "corner_pull"]]
+
+
+def test_after_a_trial_that_named_an_effect_what_comes_near_it_is_looked_at() -> None:
+    shown = SimpleNamespace(result="simulated")
+
+    class Simulating(Watcher):
+        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
+            super().map(work, items)
+            return [shown]
+
+    def weigh(results: list[str], found: Any) -> Any:
+        cause = cause_of({"off_grain": 9.0, "hem_weight": 5.0} if results == ["simulated"] else FAR)
+        cause.named = ("off_grain",) if results == ["simulated"] else ()
+        return cause
+
+    watcher = Simulating()
+    looks: Any = {"f1": SimpleNamespace(result="as it was", copy=lambda: SimpleNamespace(result="copied"))}
+    look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
+    assert watcher.wanted == [["off_grain", "pin_spacing", "corner_pull"], ["hem_weight"]]
 
 
 def test_what_is_too_far_behind_is_not_tried() -> None:

@@ -87,6 +87,8 @@ def left(after: float, *, afresh: bool = True) -> Shrinkage:
 def test_a_second_effect_is_needless_where_held_out_captures_are_no_nearer_with_it() -> None:
     assert is_needless(left(1.42), left(1.43))
     assert not is_needless(left(0.9 * NEEDED), left(1.0))
+    assert is_needless(left(0.95), left(1.0)) and is_needless(left(0.91), left(1.0))
+    assert not is_needless(left(0.86), left(1.0))  # as much as a true pair left
     assert not is_needless(left(1.42, afresh=False), left(1.43))
     assert not is_needless(left(1.42), left(1.43, afresh=False))
 
@@ -95,6 +97,7 @@ def test_a_second_effect_is_needless_where_held_out_captures_are_no_nearer_with_
     ("first", "with_both", "named"),
     [
         ("pin_spacing", 1.42, ("pin_spacing",)),
+        ("pin_spacing", NEEDED * 1.433, ("pin_spacing",)),  # what the first leaves as known, not as sought again
         ("pin_spacing", 0.6, ("pin_spacing", "stretch_stiffening")),
         ("edge_flying_pixels", 1.42, ("edge_flying_pixels", "stretch_stiffening")),
     ],
@@ -112,6 +115,15 @@ def test_of_two_effects_on_the_cloth_the_needless_one_goes(
     assert cause.named == named
     assert measured is not None
     assert measured.shrinkage.after == 1.44  # the report's own, names sought again
+
+
+def test_of_two_refuted_effects_the_one_that_stays_has_a_shrinkage_of_its_own() -> None:
+    def measure(of: Cause, *, known: bool = False) -> Measured:
+        return Measured(shrinkage(-1.0 if len(of.named) == 2 else 0.6, 1.0), ())
+
+    cause, measured = judged(two_effects(unknown=0.02), measure)
+    assert cause.named == ("edge_flying_pixels",)
+    assert measured is not None and measured.shrinkage.fraction == 0.6
 
 
 def test_what_is_named_nowhere_has_no_shrinkage() -> None:
