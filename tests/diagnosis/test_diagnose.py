@@ -69,6 +69,7 @@ def test_two_workers_find_what_one_finds(
         options = DiagnosisOptions(effects=CANDIDATES, resolution_m=0.02, workers=workers)
         found.append(diagnose(captures, options, cache=DrapeCache(tmp_path / str(workers))))
     assert found[1].looks["f1"].found  # simulated by another process, and come back
+    assert found[1].looks["f1"].beside  # what second effects change where the draft is on
     times = {"cost": {"seconds", "solver_seconds"}}
     alone, together = (one.report.model_dump(exclude=times) for one in found)
     assert alone == together
