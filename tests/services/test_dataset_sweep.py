@@ -43,7 +43,7 @@ def test_two_workers_give_the_bits_of_one_and_survive_a_kill(undisturbed: Path, 
     heard: list[SimulationDone] = []
 
     def kill_once(word: SimulationDone) -> None:
-        """The first one waits until another one was killed and replaced: however slowly those come up, both get work."""
+        """The first one waits until another one was killed and replaced: however slowly they come up, both get work."""
         new = word.process_id not in {one.process_id for one in heard}
         heard.append(word)
         processes = list(dict.fromkeys(one.process_id for one in heard))
