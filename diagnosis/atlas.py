@@ -16,7 +16,8 @@ from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
 from diagnosis.fresh import is_mechanical
-from diagnosis.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS
+from diagnosis.refinement import CANDIDATES
+from diagnosis.refinement import MOST as LOOKS
 from diagnosis.simulator import Cost
 from diagnosis.sizes import nodes, shortcuts
 from diagnosis.together import CANDIDATES as PAIRS
@@ -40,8 +41,8 @@ class Forecast:
         simulations: still to be solved, about, where all captures of a fabric in a scene show the same folds.
         seconds: CPU seconds that takes, about.
         most_simulations, most_seconds: the same where each capture shows folds of its own, which bring their own
-            responses, where looking closer changes which effects are looked at, and where an effect on the cloth leads,
-            beside which others are looked for.
+            responses, where looking closer changes which effects are looked at, where an effect is found on trial, and
+            where one on the cloth leads, beside which others are looked for.
         ready: fabrics whose base states are already at hand.
         fabrics: of the set.
     """
@@ -134,7 +135,7 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
         for name in {capture.scene.setup.scene.value for capture in task.captures}:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
             looks = CANDIDATES if name == "stretch" else 0
-            further = ROUNDS * (CANDIDATES + LATER_CANDIDATES) + PAIR_ROUNDS * PAIRS if name == "stretch" else 0
+            further = LOOKS + PAIR_ROUNDS * PAIRS if name == "stretch" else 0
             beside = _beside(task.effects) if name == "stretch" else 0
             one = _variations(task.effects, name, len(own[0].scene.setup.pins_m))
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
