@@ -58,15 +58,17 @@ def head_node(port: int, *arguments: str) -> list[str]:
     return ["--head", f"--port={port}", "--include-dashboard=false", *arguments]
 
 
-def wait_for_nodes(address: str, count: int) -> None:
-    """Until the cluster has so many nodes."""
+def wait_for_nodes(address: str, *nodes: subprocess.Popen[bytes]) -> None:
+    """Until all of a cluster's nodes are there."""
     status = [str(Path(sys.executable).with_name("ray")), "status", "--address", address]
     for _ in range(60):
         answer = subprocess.run(status, capture_output=True, text=True, check=False, env=os.environ | CLUSTER)
-        if answer.stdout.count("1 node_") >= count:
+        if answer.stdout.count("1 node_") >= len(nodes):
             return
+        ended = [node.returncode for node in nodes if node.poll() is not None]
+        assert not ended, f"nodes ended with {ended}: see their logs"
         time.sleep(1.0)
-    raise AssertionError(f"{count} nodes did not come up: {answer.stdout} {answer.stderr}")
+    raise AssertionError(f"{len(nodes)} nodes did not come up: {answer.stdout} {answer.stderr}")
 
 
 def at_work(node: subprocess.Popen[bytes], title: str) -> bool:

@@ -52,10 +52,10 @@ def test_nodes_keep_what_one_process_keeps_though_one_is_killed(tmp_path: Path) 
     port, client_port = free_port(), free_port()
     head = head_node(port, f"--ray-client-server-port={client_port}")
     with (
-        ray_node(head, tmp_path / "head.log"),
+        ray_node(head, tmp_path / "head.log") as first,
         ray_node([f"--address=127.0.0.1:{port}"], tmp_path / "second.log") as second,
     ):
-        wait_for_nodes(f"127.0.0.1:{port}", 2)
+        wait_for_nodes(f"127.0.0.1:{port}", first, second)
         with (tmp_path / "driver.log").open("w") as log:
             command = build(captures, tmp_path, f"127.0.0.1:{port}")
             driver = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | CLUSTER)

@@ -58,10 +58,10 @@ def test_a_node_killed_in_mid_run_loses_and_repeats_nothing(tmp_path: Path) -> N
     client_port, metrics_port = free_port(), free_port()
     head = head_node(port, f"--ray-client-server-port={client_port}", f"--metrics-export-port={metrics_port}")
     with (
-        ray_node(head, tmp_path / "head.log"),
+        ray_node(head, tmp_path / "head.log") as first,
         ray_node([f"--address={address}"], tmp_path / "second.log") as second,
     ):
-        wait_for_nodes(address, 2)
+        wait_for_nodes(address, first, second)
         command = [*COMMAND, *SLOW, "--out", str(store), "--address", address, "--json"]
         with (tmp_path / "driver.log").open("w") as log:
             driver = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | CLUSTER)
