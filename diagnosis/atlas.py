@@ -16,8 +16,7 @@ from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
 from diagnosis.fresh import is_mechanical
-from diagnosis.refinement import CANDIDATES
-from diagnosis.refinement import MOST as LOOKS
+from diagnosis.refinement import CANDIDATES, LOOKS
 from diagnosis.simulator import Cost
 from diagnosis.sizes import nodes, shortcuts
 from diagnosis.together import CANDIDATES as PAIRS

@@ -20,8 +20,8 @@ CANDIDATES, LATER_CANDIDATES = 3, 2
 """Effects on the cloth: in the first round, and later or beside those that come near the leader."""
 NEAR_NATS, TRIAL_NATS = 5.0, 8.0
 """An effect whose log evidence is further behind is not looked at again; on trial, where nothing leads."""
-MOST = 2 * ROUNDS * (CANDIDATES + LATER_CANDIDATES) + CANDIDATES
-"""Looks at most: in rounds, on trial, and in rounds again where the trial names something."""
+LOOKS = 2 * ROUNDS * (CANDIDATES + LATER_CANDIDATES) + CANDIDATES
+"""Simulations of effects for a capture, at most: in rounds, on trial, in rounds again where a trial names something."""
 MOVED = 0.1
 """A size that moves by a larger share is simulated again."""
 Weigh = Callable[[Sequence[FabricResult], Sized | None], Cause]
