@@ -6,7 +6,7 @@ the camera on a flat sample. Neighbours beyond the border are replaced by the ve
 derivatives by p, a and d, which it and its neighbours then gather.
 """
 
-from simcore.lang import ti
+from simcore.lang import on_cpu, ti
 from simcore.membrane_kernels import (
     array1,
     array3,
@@ -41,9 +41,11 @@ def curl_energies(which: ints1, x: vectors3, m: array4, parts: array3, out: arra
     """Add each energy [J] to ``out`` [n]; ``m`` [cloths, rows, columns, 2]: area * moment / h², zero where a second
     difference leaves the grid; ``parts`` [n, rows, columns] is scratch."""
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         p, a, d = frame(x, m, n, which[n], j, i)
         parts[n, j, i] = -p.dot(d.cross(a).normalized())
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n in range(count):
         total = ti.cast(0.0, ti.f64)
         for j in range(rows):
@@ -90,6 +92,7 @@ def neighbour(n, j, i, rows, columns):
 def curl_gradients(which: ints1, x: vectors3, m: array4, fixed: ints3, stored: vectors4, g: vectors3):
     """Add the derivatives to ``g`` [N], not where fixed; ``stored`` [n, rows, columns, 3] is scratch."""
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         p, a, d = frame(x, m, n, which[n], j, i)
         big = d.cross(a)
@@ -99,6 +102,7 @@ def curl_gradients(which: ints1, x: vectors3, m: array4, fixed: ints3, stored: v
         stored[n, j, i, 0] = -normal
         stored[n, j, i, 1] = by_a
         stored[n, j, i, 2] = by_d
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         w = which[n]
         if fixed[w, j, i] == 0:
@@ -124,6 +128,7 @@ def curl_hessians(which: ints1, x: vectors3, m: array4, blend: array1, fixed: in
     """Add ``blend`` times the second derivatives to ``stencil``; ``stored`` [n, rows, columns, 5] is scratch."""
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
     eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         p, a, d = frame(x, m, n, which[n], j, i)
         big = d.cross(a)
@@ -142,6 +147,7 @@ def curl_hessians(which: ints1, x: vectors3, m: array4, blend: array1, fixed: in
         stored[n, j, i, 2] = aa
         stored[n, j, i, 3] = ad
         stored[n, j, i, 4] = dd
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         w = which[n]
         if fixed[w, j, i] == 0:

@@ -8,7 +8,7 @@ bending, loads, held vertices, panel) each of the n positions belongs to. A cell
 2 (j+1, i), 3 (j+1, i+1).
 """
 
-from simcore.lang import ti
+from simcore.lang import on_cpu, ti
 from simcore.membrane_kernels import (
     K_BIAS,
     K_WARP,
@@ -50,6 +50,7 @@ def energies(
     The bending form is -½ Σ K_ij |x_i - x_j|²: it rounds as cells do, not as the sample.
     """
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         b = which[n]
         s = settings_of(settings, b)
@@ -64,6 +65,7 @@ def energies(
         if j < rows - 1 and i < columns - 1:
             energy += cell_energy(x, s, hourglass[b, j, i], n, j, i)
         parts[n, j, i] = energy
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n in range(count):
         total = ti.cast(0.0, ti.f64)
         for j in range(rows):
@@ -87,6 +89,7 @@ def gradients(
 ):
     """Derivative of each energy [N], zero where held; ``cells`` [n, rows-1, columns-1, 3] is scratch."""
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows - 1, columns - 1):
         b = which[n]
         if any_free(fixed, b, j, i):
@@ -94,6 +97,7 @@ def gradients(
             cells[n, j, i, 0] = da
             cells[n, j, i, 1] = db
             cells[n, j, i, 2] = dq
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         b = which[n]
         total = vec3(0.0, 0.0, 0.0)
@@ -152,10 +156,12 @@ def hessians(
     """
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
     eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows - 1, columns - 1):
         b = which[n]
         if any_free(fixed, b, j, i):
             cell_blocks(x, settings_of(settings, b), hourglass[b, j, i], blend[n], n, j, i, cells)
+    ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         b = which[n]
         s = settings_of(settings, b)
