@@ -110,20 +110,20 @@ class Level:
         values: Array = stencil.ravel().take(self._taken)
         touching = None if self.own_contact is None else self.own_contact.hessian(x)
         if touching is not None:
-            return self._factor_touching(values, touching)
+            return self._factor_touching(values, touching, rough)
         self._factored, other = (self.rough, self.exact) if rough else (self.exact, self.rough)
         if other is not self._factored:
             other.forget()  # on 5 mm cells 50 MB, or 25 in single precision
         return self._factored.factor(values)
 
-    def _factor_touching(self, values: Array, touching: Any) -> int:
+    def _factor_touching(self, values: Array, touching: Any, rough: bool) -> int:
         """Factor the assembled Hessian plus that of parts in touch, whose pattern is new each time."""
         import scipy.sparse as sp
 
         own = sp.csr_array((values, self._indices, self._indptr), shape=touching.shape)
         whole = sp.csr_array(own + sp.triu(touching, format="csr"))
         whole.sort_indices()
-        self._factored = Factorisation(whole.indptr.astype(np.int32), whole.indices.astype(np.int32))
+        self._factored = Factorisation(whole.indptr.astype(np.int32), whole.indices.astype(np.int32), single=rough)
         return self._factored.factor(whole.data)
 
     def forget(self) -> None:

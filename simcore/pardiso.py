@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from simcore.errors import MissingResourceError
 
-_REAL_SYMMETRIC_INDEFINITE = -2
+_POSITIVE_DEFINITE, _INDEFINITE = 2, -2
+"""Kinds of real symmetric matrices."""
 
 
 @cache
@@ -37,14 +38,14 @@ def _pointer(array: NDArray[np.generic]) -> ctypes.c_void_p:
     return array.ctypes.data_as(ctypes.c_void_p)
 
 
-def _release(handle: NDArray[np.int64], settings: NDArray[np.int32], n: int) -> None:
+def _release(handle: NDArray[np.int64], settings: NDArray[np.int32], kind: int, n: int) -> None:
     def reference(value: int) -> ctypes._CArgObject:
         return ctypes.byref(ctypes.c_int(value))
 
     unused = np.zeros(1)
     none = _pointer(unused)
     _library().pardiso(
-        _pointer(handle), reference(1), reference(1), reference(_REAL_SYMMETRIC_INDEFINITE), reference(-1),
+        _pointer(handle), reference(1), reference(1), reference(kind), reference(-1),
         reference(n), none, none, none, none, reference(1), _pointer(settings), reference(0), none, none, reference(0),
     )  # fmt: skip
 
@@ -61,6 +62,7 @@ class Factorisation:
     def __init__(self, indptr: NDArray[np.int32], indices: NDArray[np.int32], single: bool = False) -> None:
         self.n = len(indptr) - 1
         self._real = np.float32 if single else np.float64
+        self._kind = _POSITIVE_DEFINITE if single else _INDEFINITE
         self._ia = (indptr + 1).astype(np.int32)
         self._ja = (indices + 1).astype(np.int32)
         self._values: NDArray[np.floating] = np.ones(len(indices), dtype=self._real)
@@ -73,27 +75,35 @@ class Factorisation:
         self._settings[27] = int(single)
         self._permutation = np.zeros(self.n, dtype=np.int32)
         self._unused = np.zeros(1)
+        self._all = self._arguments()
         self._call(11)
         self._held = False
         # gives PARDISO's memory back with the object; at the end of the process the system does
-        weakref.finalize(self, _release, self._handle, self._settings, self.n).atexit = False
+        weakref.finalize(self, _release, self._handle, self._settings, self._kind, self.n).atexit = False
+
+    def _arguments(self) -> tuple[object, ...]:
+        """What each call of PARDISO gets, made once: only what these name changes from call to call."""
+        self._places = {name: ctypes.c_void_p() for name in ("values", "right", "out")}
+        self._counts = {name: ctypes.c_int() for name in ("phase", "sides", "error")}
+        one, none = ctypes.byref(ctypes.c_int(1)), ctypes.byref(ctypes.c_int(0))
+        kind, size = ctypes.byref(ctypes.c_int(self._kind)), ctypes.byref(ctypes.c_int(self.n))
+        places, counts = self._places, {name: ctypes.byref(count) for name, count in self._counts.items()}
+        return (
+            _pointer(self._handle), one, one, kind, counts["phase"], size, places["values"], _pointer(self._ia),
+            _pointer(self._ja), _pointer(self._permutation), counts["sides"], _pointer(self._settings), none,
+            places["right"], places["out"], counts["error"],
+        )  # fmt: skip
 
     def _call(
         self, phase: int, right: NDArray[np.floating] | None = None, out: NDArray[np.floating] | None = None
     ) -> int:
-        def reference(value: int) -> ctypes._CArgObject:
-            return ctypes.byref(ctypes.c_int(value))
-
-        error = ctypes.c_int(0)
-        sides = 1 if right is None or right.ndim == 1 else len(right)
-        _library().pardiso(
-            _pointer(self._handle), reference(1), reference(1), reference(_REAL_SYMMETRIC_INDEFINITE),
-            reference(phase), reference(self.n), _pointer(self._values), _pointer(self._ia), _pointer(self._ja),
-            _pointer(self._permutation), reference(sides), _pointer(self._settings), reference(0),
-            _pointer(self._unused if right is None else right), _pointer(self._unused if out is None else out),
-            ctypes.byref(error),
-        )  # fmt: skip
-        return error.value
+        self._counts["phase"].value = phase
+        self._counts["sides"].value = 1 if right is None or right.ndim == 1 else len(right)
+        self._places["values"].value = self._values.ctypes.data
+        self._places["right"].value = (self._unused if right is None else right).ctypes.data
+        self._places["out"].value = (self._unused if out is None else out).ctypes.data
+        _library().pardiso(*self._all)
+        return self._counts["error"].value
 
     def factor(self, values: NDArray[np.float64]) -> int:
         """Factor the matrix with these nonzeros.
