@@ -11,23 +11,17 @@ from numpy.typing import NDArray
 
 from simcore.inner import inner, norm
 from simcore.level import Level
-from simcore.patches import only, unrested
 
 Array = NDArray[np.float64]
 
-INNER_STEPS = 16
+INNER_STEPS = 32
 """Most L-BFGS steps with one factorisation."""
 MEMORY = 6
 """Pairs that L-BFGS keeps."""
-WORTH = 0.06
+WORTH = 0.03
 """An L-BFGS step that lowers the energy by less than this share of the factorisation's own step is the last."""
-ROUGH_FROM = 0.05
+ROUGH_FROM = 0.002
 """Residual over which single precision is enough for a direction [vertex weights]."""
-PATCH_FROM = 0.05
-"""Residual under which all vertices are solved at once [vertex weights]: the finish is quadratic."""
-PATCH_FALL = 0.1
-"""A patch is settled when its residual has fallen to this share."""
-PATCH_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -39,14 +33,12 @@ class NewtonOptions:
         certify: require that the exact Hessian has no negative eigenvalue at the end.
         iterations: most Newton steps.
         largest_step: cap on a vertex's move in one step, in cells.
-        patches: settle the vertices that are far from rest by themselves between steps of all.
     """
 
     tolerance: float = 5e-4
     certify: bool = True
     iterations: int = 200
     largest_step: float = 3.0
-    patches: bool = True
 
 
 @dataclass(frozen=True)
@@ -132,21 +124,7 @@ class Newton:
                 damping = 0.25 * damping if damping > 1e-3 else 0.0
             elif length < 0.3:
                 blend *= 0.5
-            if options.patches and residual > PATCH_FROM:
-                x = self._settle(x, gradient)
-                energy, gradient = level.energy(x), level.gradient(x)
-                residual = level.residual(gradient)
         return Rest(x, residual, False, options.iterations, False)
-
-    def _settle(self, x: Array, gradient: Array) -> Array:
-        """Bring those vertices near rest, the others held, that one step of all leaves far from it."""
-        mask = unrested(self.level, gradient)
-        if mask is None:
-            return x
-        with only(self.level, mask):
-            before = self.level.residual(self.level.gradient(x))
-            options = NewtonOptions(PATCH_FALL * before, False, PATCH_STEPS, self.options.largest_step, False)
-            return Newton(self.level, options, self.deadline).minimise(x).x
 
     def _descend(self, x: Array, energy: float, gradient: Array) -> tuple[float, float, float, Array, float, Array]:
         """One step with the factorisation at hand, then as many limited-memory BFGS steps preconditioned by it as pay.

@@ -164,7 +164,7 @@ class Solver:
             last = level is levels[-1]
             options = NewtonOptions() if last else NewtonOptions(tolerance=1e-2, certify=False, iterations=60)
             if problem.own_contact:
-                options = replace(options, largest_step=OWN_CONTACT_STEP, patches=False)
+                options = replace(options, largest_step=OWN_CONTACT_STEP)
             rest = Newton(level, options, problem.deadline).minimise(x)
             x = rest.x
             iterations += rest.iterations

@@ -1,4 +1,4 @@
-"""Newton's method for a batch, each cloth at its own pace. Same rules as :mod:`simcore.newton`, without patches."""
+"""Newton's method for a batch, each cloth at its own pace. Same rules as :mod:`simcore.newton`."""
 
 from __future__ import annotations
 
