@@ -47,9 +47,9 @@ class CausePrior:
         unseen: the same of effects on pixels where the sensor is not stated.
     """
 
-    none: float = 0.3
-    unknown: float = 0.07
-    two: float = 0.15
+    none: float = 0.265
+    unknown: float = 0.18
+    two: float = 0.13
     scatter: float = 0.15
     unseen: float = 0.1
 

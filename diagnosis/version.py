@@ -1,6 +1,6 @@
 """Versions: of the diagnosis, which every report states, and of what it keeps, which are in the keys of the cache."""
 
-MODEL_VERSION = "drapemeter-diagnosis/18"
+MODEL_VERSION = "drapemeter-diagnosis/19"
 SIMULATION_VERSION = 3
 """Raised when the solver's results change: cached drapes of another number are not used."""
 RESPONSES_VERSION = 2
