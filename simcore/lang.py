@@ -47,8 +47,8 @@ def start(arch: str | None = None) -> Any:
 def on_cpu() -> bool:
     """The runtime of this process runs on the CPU.
 
-    Kernels' loops are serial there: Taichi hands others to a thread of its own and wakes it for each of them, which on a
-    two-core cloud machine costs 0.1 ms, more than an energy on a 26 x 26 grid.
+    Kernels' loops are serial there: Taichi hands others to a thread of its own and wakes it for each of them, which on
+    a two-core cloud machine costs 0.1 ms, more than an energy on a 26 x 26 grid.
     """
     return _started == "cpu"
 
