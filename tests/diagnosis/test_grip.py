@@ -26,7 +26,7 @@ from simcore.drape import Drape
 from simcore.scenes import Scene, Setup
 
 PLAN = SynthesisPlan(fabrics=2, scenes=("stretch",), resolution_m=0.5 / 60, repeats=1, pin_radius_m=0.0, seed=79)
-"""One repeat a fabric: a seed whose folds the search finds. With 77 and 78 one of two captures rests 3.5 and 1.0 mm away."""
+"""One repeat a fabric: a seed whose folds are found. With 77 and 78 one of two captures rests 3.5 and 1.0 mm away."""
 
 
 @pytest.fixture(scope="module")
