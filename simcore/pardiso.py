@@ -1,4 +1,4 @@
-"""Sparse symmetric factorisation: a thin wrapper of oneMKL's PARDISO (one thread, real symmetric indefinite).
+"""Sparse symmetric factorisation: a thin wrapper of oneMKL's PARDISO (one thread, real symmetric).
 
 The inertia that the factorisation reports is what certifies a minimum. Source: oneMKL Developer Reference, ``pardiso``.
 """
@@ -51,7 +51,7 @@ def _release(handle: NDArray[np.int64], settings: NDArray[np.int32], kind: int, 
 
 
 class Factorisation:
-    """LDLᵀ of a symmetric matrix whose pattern stays and whose values change.
+    """LDLᵀ (double precision) or Cholesky (single) of a symmetric matrix whose pattern stays and whose values change.
 
     Args:
         indptr: CSR row starts of the upper triangle, zero-based, int32, shape [n + 1].
@@ -112,7 +112,7 @@ class Factorisation:
             values: float64, shape [nonzeros].
 
         Returns:
-            The number of negative eigenvalues; ``n`` when the factorisation broke down.
+            The number of negative eigenvalues; ``n`` when the factorisation broke down, as Cholesky does on any.
         """
         self._values = values.astype(self._real, copy=False)
         self._held = True
