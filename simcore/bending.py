@@ -14,8 +14,10 @@ ADMISSIBLE = 0.98
 
 @dataclass(frozen=True)
 class PlateRigidity:
-    """Energy per area ½(weft κ_uu² + warp κ_vv² + 2 coupling κ_uu κ_vv + 4 twist κ_uv²), all [N·m].
+    """Energy per area ½(weft κ_uu² + warp κ_vv² + 2 coupling κ_uu κ_vv + 4 twist κ_uv² + 4 weft_twist κ_uu κ_uv +
+    4 warp_twist κ_vv κ_uv), all [N·m].
 
+    These are D11, D22, D12, D66, D16 and D26 of a plate; the last two are nil along the material's own axes.
     ``bias_raised`` says that the stated bias rigidity was below what an elastic plate can have and was raised to it.
     """
 
@@ -24,6 +26,8 @@ class PlateRigidity:
     coupling: float
     twist: float
     bias_raised: bool
+    weft_twist: float = 0.0
+    warp_twist: float = 0.0
 
     @classmethod
     def of(cls, fabric: FabricParameters) -> PlateRigidity:
@@ -42,21 +46,23 @@ class PlateRigidity:
         return cls(weft, warp, coupling, 0.25 * (mixed - 2.0 * coupling), raised)
 
     def along(self, angle_from_warp: float) -> float:
-        """Rigidity of a cylinder whose curvature runs at this angle [rad] from warp [N·m]."""
-        c2, s2 = math.cos(angle_from_warp) ** 2, math.sin(angle_from_warp) ** 2
-        return self.warp * c2 * c2 + self.weft * s2 * s2 + (2.0 * self.coupling + 4.0 * self.twist) * s2 * c2
+        """Rigidity of a cylinder whose curvature runs at this angle [rad] from warp (v) towards weft (u) [N·m]."""
+        c, s = math.cos(angle_from_warp), math.sin(angle_from_warp)
+        straight = self.warp * c**4 + self.weft * s**4 + (2.0 * self.coupling + 4.0 * self.twist) * s * s * c * c
+        return straight + 4.0 * s * c * (self.weft_twist * s * s + self.warp_twist * c * c)
 
     def turned(self, angle: float) -> PlateRigidity:
-        """The same plate with its material axes turned by ``angle`` [rad] against the sample.
-
-        The terms that then couple bending with twist (D16, D26; nil for an isotropic fabric) are left out: the 13-point
-        stencil cannot hold them. Rigidities along the sample's axes and the mean of the two diagonals are exact.
-        """
+        """The same plate with its material axes turned by ``angle`` [rad] against the sample, from u towards v."""
         if angle == 0.0:
             return self
-        c2, s2 = math.cos(angle) ** 2, math.sin(angle) ** 2
+        c, s = math.cos(angle), math.sin(angle)
+        c2, s2 = c * c, s * s
         cross = self.coupling + 2.0 * self.twist
         weft = self.weft * c2 * c2 + self.warp * s2 * s2 + 2.0 * cross * s2 * c2
         warp = self.weft * s2 * s2 + self.warp * c2 * c2 + 2.0 * cross * s2 * c2
         shared = (self.weft + self.warp - 2.0 * cross) * s2 * c2
-        return PlateRigidity(weft, warp, self.coupling + shared, self.twist + shared, self.bias_raised)
+        weft_twist = c * s * (c2 * self.weft - s2 * self.warp - (c2 - s2) * cross)
+        warp_twist = c * s * (s2 * self.weft - c2 * self.warp + (c2 - s2) * cross)
+        return PlateRigidity(
+            weft, warp, self.coupling + shared, self.twist + shared, self.bias_raised, weft_twist, warp_twist
+        )

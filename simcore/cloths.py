@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.bending import PlateRigidity
+from simcore.bending_forms import BendingForms
 from simcore.contact import PanelContact
-from simcore.grid import BendingForms, Grid
+from simcore.grid import SKEW_OFFSETS, Grid
 from simcore.loads import Load, rest_moments
 from simcore.mechanics import Mechanics
 from simcore.membrane_kernels import HOURGLASS
@@ -33,6 +34,7 @@ class Cloths:
         fixed: 1 where held, int32 [b, rows, columns].
         panel: numbers of ``panel_kernels`` [b, rows, columns, 7].
         moments: of rest curvature [b, rows, columns, 2] [N]; None when no cloth has any.
+        skew: of the bending form, what ``skew_kernels`` add [b, rows, columns, 4] [N/m]; None when no cloth has any.
     """
 
     settings: Any
@@ -42,6 +44,7 @@ class Cloths:
     fixed: Any
     panel: Any
     moments: Any = None
+    skew: Any = None
 
     @classmethod
     def one(
@@ -64,28 +67,40 @@ class Cloths:
         )  # fmt: skip
         touched = fixed[:-1, :-1] + fixed[:-1, 1:] + fixed[1:, :-1] + fixed[1:, 1:]
         moments = rest_moments(grid, plate, mechanics)
+        bending, skew = forms.stencil(plate)
         return cls(
             settings[None],
             np.where(touched > 0, 1.0, HOURGLASS)[None],
-            forms.stencil(plate.weft, plate.warp, plate.coupling, plate.twist)[None],
+            bending[None],
             Load.of(grid, fabric, mechanics).force[None],
             np.ascontiguousarray(fixed[None], dtype=np.int32),
             contact.numbers()[None],
             None if moments is None else moments[None],
+            None if skew is None else skew[None],
         )
 
     @classmethod
     def stack(cls, cloths: Sequence[Cloths]) -> Cloths:
         """Several cloths of one grid as one batch."""
-        shape = cloths[0].fixed.shape
-        curled = any(c.moments is not None for c in cloths)
-        columns = {
-            f.name: np.concatenate([getattr(c, f.name) for c in cloths]) for f in fields(cls) if f.name != "moments"
-        }
-        moments = [np.zeros((*shape, 2)) if c.moments is None else c.moments for c in cloths] if curled else None
-        return cls(**columns, moments=None if moments is None else np.concatenate(moments))
+        columns = {}
+        for name in (f.name for f in fields(cls)):
+            parts = [getattr(c, name) for c in cloths]
+            some = next((part for part in parts if part is not None), None)
+            if some is not None:  # a cloth without has none of it beside one with
+                columns[name] = np.concatenate([np.zeros_like(some) if part is None else part for part in parts])
+        return cls(**columns)
 
     def on(self, place: Callable[[Array], Any]) -> Cloths:
         """The same with every array sent through ``place``."""
         moved = {f.name: place(getattr(self, f.name)) for f in fields(self) if getattr(self, f.name) is not None}
         return replace(self, **moved)
+
+    def skew_between_free(self, which: Any = slice(None)) -> Any:
+        """``skew`` of the cloths ``which``, nil to and from held vertices: that part of their Hessians."""
+        free = 1 - self.fixed[which]
+        rows, columns = free.shape[1:]
+        out = self.skew[which] * free[..., None]
+        for m, (dj, di) in enumerate(SKEW_OFFSETS):
+            left, right = max(0, -di), columns - max(0, di)
+            out[:, : rows - dj, left:right, m] *= free[:, dj:, left + di : right + di]
+        return out

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 OFFSETS: tuple[tuple[int, int], ...] = ((0, 0), (0, 1), (0, 2), (1, -1), (1, 0), (1, 1), (2, 0))
 """(rows, columns) from a vertex to the neighbours after it in its Hessian row: upper half of a 13-point stencil."""
+SKEW_OFFSETS: tuple[tuple[int, int], ...] = ((1, -2), (1, 2), (2, -1), (2, 1))
+"""Further ones, to which each coordinate is coupled with itself where bending is coupled with twist."""
 
 
 @dataclass(frozen=True)
@@ -44,90 +46,62 @@ class Grid:
         return x
 
     @cached_property
-    def pattern(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.intp]]:
-        """CSR pattern of the upper triangle and which numbers of the vertices' stencils its values are.
+    def pattern(self) -> Pattern:
+        """Of a Hessian with the neighbours of ``OFFSETS``."""
+        return Pattern.of(self, ())
 
-        Returns:
-            ``indptr`` int32 [3 n + 1], ``indices`` int32 [nonzeros], ``taken`` [nonzeros]: places in a flattened
-            [rows, columns, 7, 3, 3] of blocks to the neighbours of ``OFFSETS``.
-        """
-        j, i = np.meshgrid(np.arange(self.rows), np.arange(self.columns), indexing="ij")
-        dj, di = np.array(OFFSETS).T
-        inside = (j[..., None] + dj < self.rows) & (i[..., None] + di < self.columns) & (i[..., None] + di >= 0)
-        # row of the matrix (vertex, r), then neighbour, then column c of its block
-        present = np.broadcast_to(inside[:, :, None, :, None], (self.rows, self.columns, 3, len(OFFSETS), 3)).copy()
-        present[:, :, :, 0, :] &= np.triu(np.ones((3, 3), dtype=bool))
-        row, r, neighbour, c = np.nonzero(present.reshape(-1, 3, len(OFFSETS), 3))
-        indices = 3 * (row + (dj * self.columns + di)[neighbour]) + c
-        indptr = np.zeros(3 * self.rows * self.columns + 1, dtype=np.int32)
-        np.cumsum(np.bincount(3 * row + r, minlength=len(indptr) - 1), out=indptr[1:])
-        taken = ((row * len(OFFSETS) + neighbour) * 3 + r) * 3 + c
-        return indptr, indices.astype(np.int32), taken
-
-
-def _second_difference_products(grid: Grid) -> tuple[NDArray[np.float64], ...]:
-    """Upper-half stencils of the sums of area * x_uu.x_uu, x_vv.x_vv, 2 x_uu.x_vv and 4 x_uv.x_uv."""
-    import scipy.sparse as sp
-
-    rows, columns = grid.rows, grid.columns
-
-    def band(n: int, *values: float) -> sp.csr_array:
-        """Each row holds the values one after the other, starting on the diagonal; shape [n - len + 1, n]."""
-        rows_out = n - len(values) + 1
-        dense = np.zeros((rows_out, n))
-        for k, value in enumerate(values):
-            dense += value * np.eye(rows_out, n, k)
-        return sp.csr_array(dense)
-
-    def second(n: int, h: float) -> sp.csr_array:
-        return band(n, h**-2, -2.0 * h**-2, h**-2)
-
-    def first(n: int, h: float) -> sp.csr_array:
-        return band(n, -1.0 / h, 1.0 / h)
-
-    def weights(n: int, h: float) -> NDArray[np.float64]:
-        w = np.full(n, h)
-        w[[0, -1]] *= 0.5
-        return w
-
-    u2, v2 = second(columns, grid.hu), second(rows, grid.hv)
-    inner_u, inner_v = sp.eye_array(columns).tocsr()[1:-1], sp.eye_array(rows).tocsr()[1:-1]
-    area_u = sp.diags_array(np.kron(weights(rows, grid.hv), np.full(columns - 2, grid.hu)))
-    area_v = sp.diags_array(np.kron(np.full(rows - 2, grid.hv), weights(columns, grid.hu)))
-    d_uu = sp.kron(sp.eye_array(rows), u2).tocsr()
-    d_vv = sp.kron(v2, sp.eye_array(columns)).tocsr()
-    d_uv = sp.kron(first(rows, grid.hv), first(columns, grid.hu)).tocsr()
-    inner_uu, inner_vv = sp.kron(inner_v, u2).tocsr(), sp.kron(v2, inner_u).tocsr()
-    cell = grid.hu * grid.hv
-    mixed = cell * (inner_uu.T @ inner_vv)
-    forms = (d_uu.T @ area_u @ d_uu, d_vv.T @ area_v @ d_vv, mixed + mixed.T, 4.0 * cell * (d_uv.T @ d_uv))
-    j, i = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
-    flat = j * columns + i
-    result = []
-    for form in forms:
-        csr = sp.csr_matrix(form)
-        stencil = np.zeros((rows, columns, len(OFFSETS)))
-        for k, (dj, di) in enumerate(OFFSETS):
-            inside = (j + dj < rows) & (i + di < columns) & (i + di >= 0)
-            stencil[inside, k] = np.asarray(csr[flat[inside], (flat + dj * columns + di)[inside]]).ravel()
-        result.append(stencil)
-    return tuple(result)
+    @cached_property
+    def skew_pattern(self) -> Pattern:
+        """Of a Hessian with the neighbours of ``OFFSETS`` and ``SKEW_OFFSETS``."""
+        return Pattern.of(self, SKEW_OFFSETS)
 
 
 @dataclass(frozen=True)
-class BendingForms:
-    """Stencils of the four quadratic forms that bending is a combination of, each shape [rows, columns, 7]."""
+class Pattern:
+    """Where the numbers of a Hessian stand: CSR of its upper triangle, int32.
 
-    uu: NDArray[np.float64]
-    vv: NDArray[np.float64]
-    mixed: NDArray[np.float64]
-    twist: NDArray[np.float64]
+    Attributes:
+        indptr, indices: row starts [3 n + 1] and columns [nonzeros], sorted, each row starting with its diagonal.
+        places, taken: the nonzeros (None: all) that come from a flattened [rows, columns, 7, 3, 3] of blocks to the
+            neighbours of ``OFFSETS``, and which numbers of those they are.
+        skew_places, skew_taken: likewise from a flattened [rows, columns, 4] to those of ``SKEW_OFFSETS``.
+    """
+
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    places: NDArray[np.intp] | None
+    taken: NDArray[np.intp]
+    skew_places: NDArray[np.intp]
+    skew_taken: NDArray[np.intp]
 
     @classmethod
-    def of(cls, grid: Grid) -> BendingForms:
-        """Build them for a grid (once)."""
-        return cls(*_second_difference_products(grid))
+    def of(cls, grid: Grid, further: tuple[tuple[int, int], ...]) -> Pattern:
+        """For the neighbours of ``OFFSETS`` and ``further`` ones."""
+        rows, columns, plain = grid.rows, grid.columns, len(OFFSETS)
+        numbers = sorted(range(plain + len(further)), key=lambda k: (*OFFSETS, *further)[k])
+        dj, di = np.array([(*OFFSETS, *further)[k] for k in numbers]).T
+        j, i = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
+        inside = (j[..., None] + dj < rows) & (i[..., None] + di < columns) & (i[..., None] + di >= 0)
+        # row of the matrix (vertex, r), then neighbour, then column c of its block
+        present = np.broadcast_to(inside[:, :, None, :, None], (rows, columns, 3, len(numbers), 3)).copy()
+        present[:, :, :, 0, :] &= np.triu(np.ones((3, 3), dtype=bool))
+        present[:, :, :, np.array(numbers) >= plain, :] &= np.eye(3, dtype=bool)[:, None, :]
+        vertex, r, neighbour, c = np.nonzero(present.reshape(-1, 3, len(numbers), 3))
+        indices = 3 * (vertex + (dj * columns + di)[neighbour]) + c
+        indptr = np.zeros(3 * rows * columns + 1, dtype=np.int32)
+        np.cumsum(np.bincount(3 * vertex + r, minlength=len(indptr) - 1), out=indptr[1:])
+        number = np.array(numbers)[neighbour]
+        own, skew = number < plain, np.flatnonzero(number >= plain)
+        taken = ((vertex[own] * plain + number[own]) * 3 + r[own]) * 3 + c[own]
+        skew_taken = vertex[skew] * len(SKEW_OFFSETS) + number[skew] - plain
+        places = None if own.all() else np.flatnonzero(own)
+        return cls(indptr, indices.astype(np.int32), places, taken, skew, skew_taken)
 
-    def stencil(self, weft: float, warp: float, mixed: float, twist: float) -> NDArray[np.float64]:
-        """Stencil of ∫ weft |x_uu|² + warp |x_vv|² + 2 mixed x_uu·x_vv + 4 twist |x_uv|² (twice the energy)."""
-        return weft * self.uu + warp * self.vv + mixed * self.mixed + twist * self.twist
+    def values(self, stencil: NDArray[np.float64], skew: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        """The nonzeros, [nonzeros]."""
+        if self.places is None or skew is None:
+            return stencil.ravel().take(self.taken)
+        values = np.empty(len(self.indices))
+        values[self.places] = stencil.ravel().take(self.taken)
+        values[self.skew_places] = skew.ravel().take(self.skew_taken)
+        return values

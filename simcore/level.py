@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.bending_forms import BendingForms
 from simcore.cloths import Cloths
 from simcore.contact import PanelContact
-from simcore.grid import BendingForms, Grid
+from simcore.grid import Grid, Pattern
 from simcore.inner import norm
 from simcore.loads import Load
 from simcore.mechanics import Mechanics
@@ -34,10 +35,8 @@ class Level:
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
         self.forms = BendingForms.of(grid)
-        self._indptr, self._indices, self._taken = grid.pattern
-        self.exact = Factorisation(self._indptr, self._indices)
-        self.rough = Factorisation(self._indptr, self._indices, single=True)
-        self._factored = self.exact
+        self._systems: dict[bool, tuple[Pattern, Factorisation, Factorisation]] = {}
+        self._take(skew=False)
         self._model = Model(grid, 1, np.zeros)
         self._which = np.zeros(1, dtype=np.int32)
 
@@ -56,7 +55,19 @@ class Level:
         self.contact = contact
         self.loads = Load.of(self.grid, fabric, mechanics)
         self.cloths = Cloths.one(self.grid, self.forms, fabric, mechanics, contact, fixed)
+        self._take(self.cloths.skew is not None)
         self.own_contact = SelfContact(self.grid, self.loads.weight, fixed) if own_contact else None
+
+    def _take(self, skew: bool) -> None:
+        """Turn to the pattern and factorisations of cloth that is, or is not, coupled as ``skew_kernels`` say."""
+        if self._systems:
+            self.forget()
+        if skew not in self._systems:
+            pattern = self.grid.skew_pattern if skew else self.grid.pattern
+            exact, rough = (Factorisation(pattern.indptr, pattern.indices, single) for single in (False, True))
+            self._systems[skew] = (pattern, exact, rough)
+        self.pattern, self.exact, self.rough = self._systems[skew]
+        self._factored = self.exact
 
     def touch(self, contact: PanelContact) -> None:
         """Replace the panel's contact."""
@@ -107,7 +118,8 @@ class Level:
         """
         shifts = np.broadcast_to(np.asarray(shift, dtype=np.float64), x.shape[:2]).copy()[None]
         stencil = self._model.hessians(self.cloths, self._which, x[None], np.array([blend]), shifts)
-        values: Array = stencil.ravel().take(self._taken)
+        skew = None if self.cloths.skew is None else self.cloths.skew_between_free()
+        values = self.pattern.values(stencil, skew)
         touching = None if self.own_contact is None else self.own_contact.hessian(x)
         if touching is not None:
             return self._factor_touching(values, touching, rough)
@@ -120,7 +132,7 @@ class Level:
         """Factor the assembled Hessian plus that of parts in touch, whose pattern is new each time."""
         import scipy.sparse as sp
 
-        own = sp.csr_array((values, self._indices, self._indptr), shape=touching.shape)
+        own = sp.csr_array((values, self.pattern.indices, self.pattern.indptr), shape=touching.shape)
         whole = sp.csr_array(own + sp.triu(touching, format="csr"))
         whole.sort_indices()
         self._factored = Factorisation(whole.indptr.astype(np.int32), whole.indices.astype(np.int32), single=rough)

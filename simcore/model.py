@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from simcore import curl_kernels, kernels
+from simcore import curl_kernels, kernels, skew_kernels
 from simcore.cloths import Cloths
 from simcore.grid import Grid
 from simcore.launch import Launch
@@ -45,6 +45,8 @@ class Model:
         self._curl_energies = Launch(curl_kernels.curl_energies)
         self._curl_gradients = Launch(curl_kernels.curl_gradients)
         self._curl_hessians = Launch(curl_kernels.curl_hessians)
+        self._skew_energies = Launch(skew_kernels.skew_energies)
+        self._skew_gradients = Launch(skew_kernels.skew_gradients)
         self._curl: Any = None
         self._curl_blocks: Any = None
 
@@ -70,6 +72,8 @@ class Model:
         )  # fmt: skip
         if cloths.moments is not None:
             self._curl_energies(which, x, cloths.moments, parts, out)
+        if cloths.skew is not None:
+            self._skew_energies(which, x, cloths.skew, parts, out)
         self._after()
         return out
 
@@ -85,11 +89,15 @@ class Model:
             if self._curl is None:
                 self._curl = self._zeros((*self._parts.shape, 3, 3))
             self._curl_gradients(which, x, cloths.moments, cloths.fixed, self._first(self._curl, x), out)
+        if cloths.skew is not None:
+            self._skew_gradients(which, x, cloths.skew, cloths.fixed, out)
         self._after()
         return out
 
     def hessians(self, cloths: Cloths, which: Any, x: Any, blend: Any, shift: Any) -> Any:
         """Second derivatives as stencils [n, rows, columns, 7, 3, 3] [N/m], a view that the next call overwrites.
+
+        Without ``Cloths.skew_between_free``, which depends on no positions.
 
         Args:
             cloths, which, x: as above.

@@ -54,21 +54,25 @@ class Factors:
 
 
 class BlockCholesky:
-    """Knows where a grid's stencils go; :meth:`factor` does the work."""
+    """Knows where a grid's stencils go; :meth:`factor` does the work.
 
-    def __init__(self, grid: Grid, device: Device) -> None:
+    ``further`` neighbours come in the stencils after those of ``OFFSETS``.
+    """
+
+    def __init__(self, grid: Grid, device: Device, further: tuple[tuple[int, int], ...] = ()) -> None:
+        offsets = (*OFFSETS, *further)
         self._length = 3 * grid.rows * grid.columns
         self._size = 6 * grid.columns
         self._blocks = (grid.rows + 1) // 2
         rows, columns = np.meshgrid(np.arange(grid.rows), np.arange(grid.columns), indexing="ij")
         inside: list[tuple[np.ndarray, ...]] = []
         across: list[tuple[np.ndarray, ...]] = []
-        for number, (dj, di) in enumerate(OFFSETS):
+        for number, (dj, di) in enumerate(offsets):
             present = (rows + dj < grid.rows) & (columns + di < grid.columns) & (columns + di >= 0)
             j, i = rows[present], columns[present]
             for r in range(3):
                 for c in range(3):
-                    source = (j * grid.columns + i) * 63 + 9 * number + 3 * r + c
+                    source = (j * grid.columns + i) * 9 * len(offsets) + 9 * number + 3 * r + c
                     own = 3 * ((j % 2) * grid.columns + i) + r
                     other = 3 * (((j + dj) % 2) * grid.columns + i + di) + c
                     same = j // 2 == (j + dj) // 2
@@ -93,7 +97,7 @@ class BlockCholesky:
         """Factor.
 
         Args:
-            stencils: [n, rows, columns, 7, 3, 3].
+            stencils: [n, rows, columns, 7 and as many as there are further neighbours, 3, 3].
 
         Returns:
             The factors, and which matrices are positive definite (bool [n]); factors of the others mean nothing.

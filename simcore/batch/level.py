@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from simcore.batch.cholesky import BlockCholesky, Factors
 from simcore.batch.device import Device
+from simcore.bending_forms import BendingForms
 from simcore.cloths import Cloths
-from simcore.grid import BendingForms, Grid
+from simcore.grid import SKEW_OFFSETS, Grid
 from simcore.model import Model
 from simcore.panel_kernels import BEHIND
 
@@ -30,6 +31,7 @@ class BatchLevel:
         self.forms = BendingForms.of(grid)
         self._model = Model(grid, most, device.zeros, device.before_kernels, device.after_kernels)
         self._cholesky = BlockCholesky(grid, device)
+        self._skew_cholesky: BlockCholesky | None = None
 
     def set_up(self, cloths: Sequence[Cloths], weights: NDArray[np.float64]) -> None:
         """Choose the batch; ``weights`` are those of an inner vertex [N], the units of residuals."""
@@ -64,7 +66,13 @@ class BatchLevel:
         if shift.ndim == 1:
             shift = shift[:, None, None].expand(x.shape[:3])
         stencils = self._model.hessians(self.cloths, which.to(torch.int32), x, blend, shift.contiguous())
-        return self._cholesky.factor(stencils)
+        if self.cloths.skew is None:
+            return self._cholesky.factor(stencils)
+        if self._skew_cholesky is None:
+            self._skew_cholesky = BlockCholesky(self.grid, self.device, SKEW_OFFSETS)
+        eye = torch.eye(3, dtype=stencils.dtype, device=stencils.device)
+        skew = self.cloths.skew_between_free(which)[..., None, None] * eye
+        return self._skew_cholesky.factor(torch.cat([stencils, skew], dim=3))
 
     def solve(self, factors: Factors, right: Tensor) -> Tensor:
         """Solve; shapes [n, rows, columns, 3]."""

@@ -84,14 +84,14 @@ class Cloth:
 
     # -- plate ---------------------------------------------------------------------------------------------------
 
-    def plate(self) -> tuple[float, float, float, float]:
-        """(D_uu, D_vv, D_12, D_66) in the sample's axes [N·m]."""
+    def plate(self) -> tuple[float, float, float, float, float, float]:
+        """(D_11, D_22, D_12, D_66, D_16, D_26) in the sample's axes [N·m]."""
         f = self.fabric
         root = math.sqrt(f.bending_warp * f.bending_weft)
         mixed = max(4.0 * f.bending_bias - f.bending_warp - f.bending_weft, LEAST_MIXED * root)
         d12 = min(POISSON * root, mixed / 2.0)
         d66 = (mixed - 2.0 * d12) / 4.0
-        # rotate the fourth-order tensor and drop D16, D26
+        # rotate the fourth-order tensor
         d = np.zeros((2, 2, 2, 2))
         d[0, 0, 0, 0], d[1, 1, 1, 1] = f.bending_weft, f.bending_warp
         d[0, 0, 1, 1] = d[1, 1, 0, 0] = d12
@@ -99,7 +99,7 @@ class Cloth:
         c, s = math.cos(self.mechanics.off_grain_rad), math.sin(self.mechanics.off_grain_rad)
         turn = np.array([[c, s], [-s, c]])  # rows: the material's weft and warp in the sample's (u, v)
         t = np.einsum("abcd,ai,bj,ck,dl->ijkl", d, turn, turn, turn, turn)
-        return t[0, 0, 0, 0], t[1, 1, 1, 1], t[0, 0, 1, 1], t[0, 1, 0, 1]
+        return t[0, 0, 0, 0], t[1, 1, 1, 1], t[0, 0, 1, 1], t[0, 1, 0, 1], t[0, 0, 0, 1], t[1, 1, 0, 1]
 
     def curvatures(self, x: Array) -> tuple[Array, Array, Array]:
         """x_uu [rows, columns - 2, 3], x_vv [rows - 2, columns, 3], x_uv [rows - 1, columns - 1, 3]."""
@@ -110,7 +110,7 @@ class Cloth:
 
     def bending_energy(self, x: Array) -> Any:
         """[J]"""
-        d11, d22, d12, d66 = self.plate()
+        d11, d22, d12, d66, d16, d26 = self.plate()
         uu, vv, uv = self.curvatures(x)
         area = self.areas()
         cell = self.hu * self.hv
@@ -119,11 +119,17 @@ class Cloth:
             + 0.5 * d22 * np.einsum("ji,jic,jic->", area[1:-1, :], vv, vv)
             + d12 * cell * np.einsum("jic,jic->", uu[1:-1], vv[:, 1:-1])
             + 2.0 * d66 * cell * np.einsum("jic,jic->", uv, uv)
+            + 2.0 * cell * np.einsum("jic,jic->", d16 * uu[1:-1] + d26 * vv[:, 1:-1], self.inner_twist(uv))
         )
+
+    @staticmethod
+    def inner_twist(uv: Array) -> Array:
+        """Mean of the four cells round each inner vertex, [rows - 2, columns - 2, 3]."""
+        return (uv[:-1, :-1] + uv[:-1, 1:] + uv[1:, :-1] + uv[1:, 1:]) / 4.0
 
     def bending_gradient(self, x: Array) -> Array:
         """[N]"""
-        d11, d22, d12, d66 = self.plate()
+        d11, d22, d12, d66, d16, d26 = self.plate()
         uu, vv, uv = self.curvatures(x)
         area = self.areas()
         cell = self.hu * self.hv
@@ -131,7 +137,15 @@ class Cloth:
         by_vv = d22 * area[1:-1, :, None] * vv
         by_uu[1:-1] += d12 * cell * vv[:, 1:-1]
         by_vv[:, 1:-1] += d12 * cell * uu[1:-1]
-        by_uv = 4.0 * d66 * cell * uv / (self.hu * self.hv)
+        twist = 2.0 * cell * self.inner_twist(uv)
+        by_uu[1:-1] += d16 * twist
+        by_vv[:, 1:-1] += d26 * twist
+        by_uv = 4.0 * d66 * cell * uv
+        by_mean = 2.0 * cell * (d16 * uu[1:-1] + d26 * vv[:, 1:-1])
+        for dj in (0, 1):
+            for di in (0, 1):
+                by_uv[dj : dj + by_mean.shape[0], di : di + by_mean.shape[1]] += by_mean / 4.0
+        by_uv /= self.hu * self.hv
         g = np.zeros_like(x)
         for shift, factor in ((0, 1.0), (1, -2.0), (2, 1.0)):
             g[:, shift : shift + uu.shape[1]] += factor * by_uu / self.hu**2
@@ -152,7 +166,7 @@ class Cloth:
         for rest in self.mechanics.rest_curvature:
             a, b = rest.evaluate(u, v, size)
             weft, warp = weft + a, warp + b
-        d11, d22, d12, _ = self.plate()
+        d11, d22, d12, *_ = self.plate()
         area = self.areas()
         mu, mv = area * d11 * weft, area * d22 * warp
         inner = np.zeros((rows, columns))

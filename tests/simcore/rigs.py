@@ -86,8 +86,8 @@ def assembled(level: Level, x: Array, blend: float) -> Array:
     import scipy.sparse as sp
 
     level.factor(x, blend)
-    indptr, indices, _ = level.grid.pattern
-    upper = sp.csr_array((level.exact._values, indices, indptr), shape=(x.size, x.size)).toarray()
+    pattern = level.pattern
+    upper = sp.csr_array((level.exact._values, pattern.indices, pattern.indptr), shape=(x.size, x.size)).toarray()
     return upper + np.triu(upper, 1).T
 
 

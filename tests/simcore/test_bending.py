@@ -50,6 +50,20 @@ def test_a_sample_rolled_up_along_any_direction_has_the_stated_rigidity(plate: s
         assert energy == pytest.approx(expected, rel=0.05), f"{math.degrees(heading)}°"
 
 
+@pytest.mark.parametrize("plate", ["anisotropic", "stiff_bias"])
+@pytest.mark.parametrize("off_grain", [0.2, -0.7])
+def test_off_grain_a_sample_has_the_rigidity_of_the_materials_direction(plate: str, off_grain: float) -> None:
+    fabric, radius, level = PLATES[plate], 0.1, sheet(50, 0.01)
+    felt = []
+    for heading in HEADINGS:
+        energy = bending_energy(level, fabric, cylinder(level.grid, radius, heading), off_grain)
+        expected = stated_rigidity(fabric, 0.5 * math.pi - (heading - off_grain))
+        felt.append(energy * 2.0 * radius**2 / 0.25)
+        assert felt[-1] == pytest.approx(expected, rel=0.05), f"{math.degrees(heading)}°"
+    mirrored = bending_energy(level, fabric, cylinder(level.grid, radius, -HEADINGS[4]), off_grain)
+    assert abs(mirrored * 2.0 * radius**2 / 0.25 / felt[4] - 1.0) > 0.1  # the two diagonals are not alike
+
+
 def bulk_rigidity(fabric: FabricParameters, cell_m: float, radius: float, heading: float) -> float:
     """Rigidity inside a sheet: E(n) = bulk n² + border n + corners, from three sheets of n cells [N·m]."""
     energies = [
@@ -85,6 +99,10 @@ def test_statement_of_the_plate() -> None:
             # turned by t, the sample's own axes feel the rigidity of the material's direction
             assert plate.turned(t).warp == pytest.approx(stated_rigidity(fabric, t), rel=1e-12)
             assert plate.turned(t).weft == pytest.approx(stated_rigidity(fabric, t + 0.5 * math.pi), rel=1e-12)
+            # and every other direction that of the one it lies along
+            for heading in np.linspace(0, math.pi, 7):
+                expected = stated_rigidity(fabric, heading + t)
+                assert plate.turned(t).along(heading) == pytest.approx(expected, rel=1e-9)
     assert PlateRigidity.of(FABRICS["soft"]).bias_raised is False
 
 

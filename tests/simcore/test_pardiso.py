@@ -8,7 +8,8 @@ import pytest
 from simcore.grid import Grid
 from simcore.pardiso import Factorisation
 
-INDPTR, INDICES, _ = Grid(7, 9, 0.01, 0.01).pattern
+PATTERN = Grid(7, 9, 0.01, 0.01).pattern
+INDPTR, INDICES = PATTERN.indptr, PATTERN.indices
 N = len(INDPTR) - 1
 
 
