@@ -20,7 +20,8 @@ from diagnosis.fresh import FreshLook, Sized
 from diagnosis.noise import NoiseModel
 from diagnosis.preparation import prepare_tasks
 from diagnosis.report import GapReport
-from diagnosis.shrinkage import Judge, fraction_of, hold_out, numbers_left
+from diagnosis.shares import fraction_of
+from diagnosis.shrinkage import Judge, hold_out, numbers_left
 from diagnosis.simulator import Simulator
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from diagnosis.fresh import FreshLook, Sized, with_effects
 from diagnosis.report import Perceived
+from diagnosis.shares import fraction_of_means, share_with_floors
 from diagnosis.shrinkage import Held
 from metric.backends import get_backend
 from metric.render import DrapeRender
@@ -33,8 +34,12 @@ def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name
         MissingResourceError: the network's weights are not here.
     """
     backend = get_backend(backend_name)
-    before, after, floor = [], [], []
+    before: list[float] = []
+    after: list[float] = []
+    floor: list[float] = []
+    blocks: list[tuple[float, float, float | None]] = []
     for one in held:
+        first, repeats = len(before), len(floor)
         look = looks[one.block.fabric]
         own = [c for c in look.result.captures if c.id in one.block.captures]
         tasks = {c.id: c for c in look.result.task.captures}
@@ -63,10 +68,15 @@ def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name
             before.append(distance[0])
             after.append(distance[1])
             floor += list(distance[2:])
+        own_floor = float(np.mean(floor[repeats:])) if floor[repeats:] else None
+        blocks.append((float(np.mean(before[first:])), float(np.mean(after[first:])), own_floor))
+    fraction, interval = share_with_floors(blocks, fraction_of_means)
     return Perceived(
         before=float(np.mean(before)),
         after=float(np.mean(after)),
         noise_floor=float(np.mean(floor)) if floor else None,
+        fraction=fraction,
+        interval_90=interval,
         backend=backend.name,
         captures=len(before),
     )

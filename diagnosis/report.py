@@ -77,12 +77,15 @@ class CauseReport(_Model):
 
 
 class RegionShrinkage(_Model):
-    """Before and after in one region of the cloth, in the shrinkage's unit."""
+    """Before and after in one region of the cloth, in the shrinkage's unit; numbers as those of the whole."""
 
     region: Region
     before: float
     after: float
     noise_floor: float
+    fraction: float
+    interval_90: tuple[float, float]
+    repeats: float | None = None
 
 
 class Control(_Model):
@@ -94,11 +97,17 @@ class Control(_Model):
 
 
 class Perceived(_Model):
-    """The same as people see it: LPIPS drape distance between shaded pictures of captures and simulations."""
+    """The same as people see it: LPIPS drape distance between shaded pictures of captures and simulations.
+
+    ``fraction`` of the distance above the floor that goes away, with its interval over what was held out; both and the
+    floor are None where repeats give none.
+    """
 
     before: float
     after: float
     noise_floor: float | None
+    fraction: float | None = None
+    interval_90: tuple[float, float] | None = None
     backend: str
     captures: int
 
@@ -109,6 +118,8 @@ class SeenDepth(_Model):
     before: float
     after: float
     noise_floor: float | None
+    fraction: float | None = None
+    interval_90: tuple[float, float] | None = None
     captures: int
 
 

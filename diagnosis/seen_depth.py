@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook, Sized, with_effects
 from diagnosis.report import SeenDepth
+from diagnosis.shares import fraction_of, share_with_floors
 from diagnosis.shrinkage import Held
 from renderer.sensor import SensorModel
 
@@ -22,8 +23,12 @@ def seen_depth(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> SeenDept
     Over the cloth and the strip of the panel round it, the panel's own shift and tilt included; parameters as they are
     stated. Noise of pixels is part of it, before and after alike. The floor is half of what repeats differ by, squared.
     """
-    before, after, floor = [], [], []
+    before: list[float] = []
+    after: list[float] = []
+    floor: list[float] = []
+    rows: list[tuple[float, float, float | None]] = []
     for one in held:
+        first, repeats = len(before), len(floor)
         look = looks[one.block.fabric]
         own = [c for c in look.result.captures if c.id in one.block.captures]
         depths = {c.id: c.depth for c in look.result.task.captures}
@@ -32,13 +37,21 @@ def seen_depth(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> SeenDept
             before.append(_square(depths[capture.id], look.picture(capture, ()), shown))
             after.append(_square(depths[capture.id], _seen(look, capture, one.effects), shown))
             floor += [0.5 * _square(depths[capture.id], depths[other.id], shown) for other in own[:number]]
+        rows.append((_mean(before[first:]), _mean(after[first:]), _mean(floor[repeats:]) if floor[repeats:] else None))
     unit = 1e3
+    fraction, interval = share_with_floors(rows, fraction_of)
     return SeenDepth(
         before=unit * float(np.sqrt(np.mean(before))),
         after=unit * float(np.sqrt(np.mean(after))),
         noise_floor=unit * float(np.sqrt(np.mean(floor))) if floor else None,
+        fraction=fraction,
+        interval_90=interval,
         captures=len(before),
     )
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
 
 
 def _seen(look: FreshLook, capture: CaptureResult, effects: Sequence[Sized]) -> Picture:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from diagnosis.block import Block, PixelBlock
 from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
@@ -21,13 +19,13 @@ from diagnosis.likelihood import LikelihoodModel
 from diagnosis.reference import cell_centres
 from diagnosis.regions import REGIONS, region_of_cells
 from diagnosis.report import Control, RegionShrinkage, Shrinkage
+from diagnosis.shares import fraction_of, interval_of
 from diagnosis.subtract import response_to
 from diagnosis.workers import ALONE, Workers
 
 Array = NDArray[np.float64]
 PLAIN = 3.0
 """Standard deviations beyond which a shared number shows an effect."""
-DRAWS = 400
 
 
 @dataclass(frozen=True)
@@ -261,8 +259,6 @@ def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:
 
 def _summarise(rows: Array, judged: Sequence[Block], wrong: list[str], in_numbers: bool, fresh: bool) -> Shrinkage:
     everything = rows[:, -1]
-    rng = np.random.default_rng(0)
-    draws = [fraction_of(everything[rng.integers(0, len(rows), len(rows))]) for _ in range(DRAWS)]
     unit = 1.0 if in_numbers else 1e3
     values = unit * np.sqrt(np.mean(everything, axis=0))
     regions = []
@@ -270,7 +266,12 @@ def _summarise(rows: Array, judged: Sequence[Block], wrong: list[str], in_number
         own = rows[:, number][np.isfinite(rows[:, number]).all(axis=1)]
         if len(own):
             before, after, floor, _ = unit * np.sqrt(np.mean(own, axis=0))
-            regions.append(RegionShrinkage(region=region, before=before, after=after, noise_floor=floor))
+            regions.append(
+                RegionShrinkage(
+                    region=region, before=before, after=after, noise_floor=min(floor, after), repeats=floor,
+                    fraction=fraction_of(own), interval_90=interval_of(own),
+                )
+            )  # fmt: skip
     return Shrinkage(
         held_out=tuple(sorted(capture for block in judged for capture in block.captures)),
         before=float(values[0]),
@@ -278,7 +279,7 @@ def _summarise(rows: Array, judged: Sequence[Block], wrong: list[str], in_number
         noise_floor=float(min(values[1:3])),
         repeats=float(values[2]),
         fraction=fraction_of(everything),
-        interval_90=_for_few(fraction_of(everything), np.quantile(draws, [0.05, 0.95]), len(rows)),
+        interval_90=interval_of(everything),
         unit="standard deviations" if in_numbers else "mm",
         simulated_afresh=fresh and not in_numbers,
         control=Control(
@@ -288,15 +289,6 @@ def _summarise(rows: Array, judged: Sequence[Block], wrong: list[str], in_number
         ),
         regions=tuple(regions),
     )
-
-
-def _for_few(value: float, interval: Array, count: int) -> tuple[float, float]:
-    """A bootstrap's interval widened as Student's t is against a normal distribution: it rests on few blocks."""
-    if count < 2:
-        return -1.0, 1.0
-    factor = student.ppf(0.95, count - 1) / norm.ppf(0.95) * np.sqrt(count / (count - 1))
-    low, high = (float(np.clip(value + factor * (edge - value), -1.0, 1.0)) for edge in interval)
-    return min(low, value), max(high, value)
 
 
 def hold_out(
@@ -351,13 +343,3 @@ def numbers_left(pixels: PixelBlock, effects: Sequence[Sized]) -> float:
         if not get_effect(name).random_repeats:
             rest = rest - response_to(pixels.responses, name, size)
     return float(np.mean(rest**2))
-
-
-def fraction_of(squares: Array) -> float:
-    """Share of the gap above the floor that goes away, by the root mean square over blocks, [blocks, 3 or more].
-
-    Not above 1: what is left may be less than the floor, which then counts as no more. -1 where nothing is above it.
-    """
-    before, after, floor = np.sqrt(np.mean(squares, axis=0))[:3]
-    above = before - min(floor, after)
-    return float((before - after) / above) if above > 0.0 else -float(after > before)

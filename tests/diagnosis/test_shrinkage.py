@@ -21,7 +21,7 @@ from diagnosis.folds import folds_of
 from diagnosis.html import render_html
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
-from diagnosis.shrinkage import Judge, Measured, fraction_of, hold_out, on_shapes, repeat_squares
+from diagnosis.shrinkage import Judge, Measured, hold_out, on_shapes, repeat_squares
 from diagnosis.shrinkage_report import complete
 from metric.render import DrapeRender
 from metric.weights import INSTEAD
@@ -52,21 +52,6 @@ def only(noisy: CaptureSet, explain: Diagnose) -> Callable[[int], Diagnosis]:
         return explain(CaptureSet(noisy.folder, noisy.document.model_copy(update={"captures": tuple(own)})))
 
     return run
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "floor", "share"),
-    [
-        (4.0, 1.0, 0.5, 3.0 / 3.5),
-        (4.0, 0.2, 0.5, 1.0),  # what is left is less than the floor
-        (0.5, 1.0, 0.2, -0.5 / 0.3),
-        (0.5, 1.0, 0.6, -1.0),  # nothing was above the floor
-        (1.0, 1.0, 2.0, 0.0),
-    ],
-)
-def test_the_share_is_that_of_the_gap_above_the_floor(before: float, after: float, floor: float, share: float) -> None:
-    squares = np.array([[before, after, floor]]) ** 2
-    assert fraction_of(np.concatenate([squares, squares])) == pytest.approx(share)
 
 
 def test_of_one_fabric_repeats_are_held_out(only: Callable[[int], Diagnosis]) -> None:
@@ -162,6 +147,8 @@ def test_what_a_camera_or_sensor_changes_shrinks_in_depth_too(make_set: MakeSet,
     assert depth.before == pytest.approx(18.0, abs=1.5)
     assert depth.after < 0.4 * depth.before  # fold by fold the repeats differ by 4 mm, too
     assert depth.noise_floor is not None and 1.0 < depth.noise_floor < 6.0
+    assert depth.fraction is not None and depth.interval_90 is not None
+    assert depth.interval_90[0] <= depth.fraction <= depth.interval_90[1] <= 1.0 and depth.fraction > 0.6
     assert found.parameters == ()
 
 
@@ -169,6 +156,7 @@ def test_noise_of_pixels_does_not_shrink_in_depth(only: Callable[[int], Diagnosi
     found = only(2).report.shrinkage
     assert found is not None and found.depth is not None
     assert found.depth.before == found.depth.after > 2.5
+    assert found.depth.fraction is None and found.depth.interval_90 is None  # a repeat held out alone has no floor
 
 
 class Shades:
@@ -197,6 +185,17 @@ def test_pictures_come_nearer_with_the_effect_and_without_weights_the_note_says_
     assert seen.captures == sum(len(one.block.captures) for one in diagnosis.held)
     assert seen.after < 0.7 * seen.before
     assert seen.noise_floor is not None and seen.noise_floor < seen.before
+    assert seen.fraction is not None and seen.interval_90 is not None
+    assert seen.fraction > 0.3 and seen.interval_90[0] <= seen.fraction <= seen.interval_90[1]
+    page = render_html(
+        replace(diagnosis, report=diagnosis.report.model_copy(update={"shrinkage": shrinkage})), "drafty"
+    )
+    for region in shrinkage.regions:
+        assert region.interval_90[0] <= region.fraction <= region.interval_90[1]
+        assert region.noise_floor == min(region.after, region.repeats or math.inf)
+        assert f"{region.interval_90[0]:.2f} to {region.interval_90[1]:.2f}" in page
+    whole = {region.region: region for region in shrinkage.regions}["interior"]
+    assert whole.fraction == pytest.approx((whole.before - whole.after) / (whole.before - whole.noise_floor))
 
     def missing(_: str) -> Shades:
         raise MissingResourceError(f"weights of LPIPS are missing, {INSTEAD}", code="weights_missing")
