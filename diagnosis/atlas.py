@@ -21,10 +21,11 @@ from diagnosis.simulator import Cost
 from diagnosis.sizes import nodes, shortcuts
 from diagnosis.together import CANDIDATES as PAIRS
 from diagnosis.together import ROUNDS as PAIR_ROUNDS
-from diagnosis.version import RESPONSES_VERSION, SIMULATION_VERSION
+from diagnosis.version import RESPONSES_VERSION
 from renderer.atomic import write_atomically
 from simcore.errors import InputError
 from simcore.mesh import GridMesh
+from simcore.version import SOLVER_VERSION
 
 ATLAS_FILE = "atlas.json"
 FORMAT = "drape-atlas/1"
@@ -172,4 +173,4 @@ def _at_hand(task: FabricTask, cache: DrapeCache) -> bool:
 
 
 def _versions() -> dict[str, Any]:
-    return {"format": FORMAT, "simulation": SIMULATION_VERSION, "responses": RESPONSES_VERSION}
+    return {"format": FORMAT, "simulation": SOLVER_VERSION, "responses": RESPONSES_VERSION}

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.version import SIMULATION_VERSION
 from renderer.atomic import write_atomically
 from simcore.drape import Drape, DrapeStatus
 from simcore.mechanics import Jitter, Mechanics
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
+from simcore.version import SOLVER_VERSION
 
 
 def content_key(**parts: Any) -> str:
@@ -41,7 +41,7 @@ def drape_key(
 ) -> str:
     """Key of a simulation; ``start`` is the key of the drape it continues from."""
     return content_key(
-        version=SIMULATION_VERSION,
+        version=SOLVER_VERSION,
         mesh=[mesh.resolution_m, *mesh.size_m],
         fabric=fabric.as_dict(),
         setup=setup,

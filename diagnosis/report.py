@@ -77,14 +77,17 @@ class CauseReport(_Model):
 
 
 class RegionShrinkage(_Model):
-    """Before and after in one region of the cloth, in the shrinkage's unit; numbers as those of the whole."""
+    """Before and after in one region of the cloth, in the shrinkage's unit; numbers as those of the whole.
+
+    Reports of before version 20 have no ``fraction``, ``interval_90`` and ``repeats`` here.
+    """
 
     region: Region
     before: float
     after: float
     noise_floor: float
-    fraction: float
-    interval_90: tuple[float, float]
+    fraction: float | None = None
+    interval_90: tuple[float, float] | None = None
     repeats: float | None = None
 
 

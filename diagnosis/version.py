@@ -1,8 +1,9 @@
-"""Versions: of the diagnosis, which every report states, and of what it keeps, which are in the keys of the cache."""
+"""Versions: of the diagnosis, which every report states, and of what it keeps, which are in the keys of the cache.
+
+Cached drapes go by the solver's own version (``simcore.version``).
+"""
 
 MODEL_VERSION = "drapemeter-diagnosis/20"
-SIMULATION_VERSION = 4
-"""Raised when the solver's results change: cached drapes of another number are not used."""
 RESPONSES_VERSION = 2
 """Raised when what is measured on a simulated picture changes."""
 PIXELS_VERSION = 6

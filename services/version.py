@@ -1,8 +1,10 @@
-"""The installed version."""
+"""Versions: of the distribution, and of the data it makes."""
 
 from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
+
+from simcore.version import SOLVER_VERSION
 
 
 def software_version() -> str:
@@ -11,3 +13,8 @@ def software_version() -> str:
         return version("drapemeter")
     except PackageNotFoundError:
         return "0+source"
+
+
+def data_version() -> str:
+    """What a store states: the distribution's version with the solver's, whose results may change between releases."""
+    return f"{software_version()}+solver{SOLVER_VERSION}"

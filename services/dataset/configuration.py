@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from types import MappingProxyType
 from typing import Any
 
@@ -163,11 +162,3 @@ def simulation_seed(seed: int, address: Sequence[int]) -> int:
 def digest(values: np.ndarray[Any, Any]) -> str:
     """SHA-256 of numbers, hexadecimal."""
     return hashlib.sha256(np.ascontiguousarray(values, dtype="<f8").tobytes()).hexdigest()
-
-
-def software_version() -> str:
-    """Version of the installed project."""
-    try:
-        return version("drapemeter")
-    except PackageNotFoundError:
-        raise InputError("drapemeter is not installed: pip install -e .", code="not_installed") from None

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from renderer.store import ShardRows, Store, StoreLayout, StoreWriter
-from services.dataset.configuration import software_version
+from services.version import data_version
 from simcore.errors import InputError
 
 _ALIKE = ("scenes", "jitters", "inclinations_deg", "vertex_count", "picture_size")
@@ -35,7 +35,7 @@ def merge_stores(sources: Sequence[Store], out: str, listen: Callable[[int], Non
         layout,
         configuration={"merged": [dict(source.attributes["configuration"]) for source in sources]},
         seed=int(sources[0].attributes["seed"]),
-        software_version=software_version(),
+        software_version=data_version(),
     )
     simulations = _simulations(sources)
     for shard in range(layout.shards):

@@ -12,13 +12,14 @@ import numpy as np
 from renderer.store import RowStatus, Store, StoreWriter, store_exists
 from renderer.store_location import is_remote, local_path
 from services.dataset.cluster import is_local, is_ray_client, ray_cluster
-from services.dataset.configuration import SweepConfiguration, differences, software_version
+from services.dataset.configuration import SweepConfiguration, differences
 from services.dataset.cost import CostEstimate, estimate_cost
 from services.dataset.dispatch import DispatchOptions
 from services.dataset.drive import Drive
 from services.dataset.fabrics import FabricTable
 from services.dataset.solver_kind import SolverKind
 from services.dataset.worker import SimulationDone
+from services.version import data_version
 from simcore.errors import InputError
 
 
@@ -56,7 +57,7 @@ def prepare_store(url: str, configuration: SweepConfiguration, *, resume: bool) 
         configuration.layout,
         configuration=configuration.model_dump(mode="json"),
         seed=configuration.seed,
-        software_version=software_version(),
+        software_version=data_version(),
     )
     return list(range(configuration.layout.shards))
 
@@ -82,9 +83,9 @@ def shards_left(url: str, configuration: SweepConfiguration, *, resume: bool) ->
             "resume it with its own, or choose another --out",
             code="store_configuration",
         )
-    if store.attributes["software_version"] != software_version():
+    if store.attributes["software_version"] != data_version():
         raise InputError(
-            f"{url}: was begun with version {store.attributes['software_version']}, this is {software_version()}; "
+            f"{url}: was begun with version {store.attributes['software_version']}, this is {data_version()}; "
             "finish it with the same version, or choose another --out",
             code="store_version",
         )

@@ -191,6 +191,7 @@ def test_pictures_come_nearer_with_the_effect_and_without_weights_the_note_says_
         replace(diagnosis, report=diagnosis.report.model_copy(update={"shrinkage": shrinkage})), "drafty"
     )
     for region in shrinkage.regions:
+        assert region.fraction is not None and region.interval_90 is not None
         assert region.interval_90[0] <= region.fraction <= region.interval_90[1]
         assert region.noise_floor == min(region.after, region.repeats or math.inf)
         assert f"{region.interval_90[0]:.2f} to {region.interval_90[1]:.2f}" in page
