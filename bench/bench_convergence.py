@@ -1,11 +1,12 @@
 """Energy and shape of one drape on 20, 10 and 5 mm cells: do finer meshes give the same?
 
     python bench/bench_convergence.py [--fabrics vstiff stiff medium soft] [--cells 20 10 5] [--radius 60]
-                                      [--seed 0] [--json convergence.json]
+                                      [--square] [--seed 0] [--json convergence.json]
 
 Pins stand where stated and hold patches of a radius that every mesh resolves: a point that pulls has no answer that is
 independent of the mesh. With 60 mm the patches of all three meshes reach equally far along the edges (60 mm) and
-towards the middle of the sample (56.6 mm); in between the finer ones are fuller (24, 26 and 26.5 cm²).
+towards the middle of the sample (56.6 mm); in between the finer ones are fuller (24, 26 and 26.5 cm²), and what pulls
+at them is stiffer. With ``--square`` they are squares of that edge, which have one outline on every mesh.
 
 Fabrics have several drapes at rest, and which one a mesh comes to is chance. So the finest mesh is draped from flat,
 and the others are brought to rest from that drape's own vertices: all stand for the same folds, where a coarse mesh can
@@ -25,11 +26,13 @@ import numpy as np
 from bench_solver import FABRICS, LIMIT_S
 from numpy.typing import NDArray
 
+import simcore.solver
 from simcore.drape import Drape
 from simcore.grid import Grid
 from simcore.mechanics import Jitter
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
+from simcore.placement import Pins
 from simcore.scenes import GRAVITY_M_S2, Scene, Setup
 from simcore.solver import Solver
 
@@ -72,6 +75,19 @@ class Line:
             f"   from flat {1e3 * self.flat_energy_j:9.3f} mJ  depth {self.flat_depth_mm:6.2f} mm  {self.flat_status}"
             f"   {self.seconds:.1f} s"
         )
+
+
+class SquarePins(Pins):
+    """Pins that hold squares, whose edge is the radius."""
+
+    @classmethod
+    def of(cls, grid: Grid, setup: Setup, moves: NDArray[np.float64]) -> Pins:
+        """As :meth:`simcore.placement.Pins.of`."""
+        wide = replace(setup, pin_radius_m=np.sqrt(2.0) * setup.pin_radius_m)
+        pins = Pins.of(grid, wide, moves)
+        out = np.abs(pins.offset).max(axis=2) > setup.pin_radius_m + 1e-9
+        owner, offset = np.where(out, -1, pins.owner).astype(np.int32), np.where(out[..., None], 0.0, pins.offset)
+        return cls((owner >= 0).astype(np.int32), owner, offset, pins.start, pins.places)
 
 
 def grid(drape: Drape, skip: int) -> NDArray[np.float64]:
@@ -133,9 +149,12 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", default=[s.value for s in Scene], choices=[s.value for s in Scene])
     parser.add_argument("--cells", type=float, nargs="+", default=[20.0, 10.0, 5.0], help="mm, each part of the next")
     parser.add_argument("--radius", type=float, default=60.0, help="of the held patches, mm")
+    parser.add_argument("--square", action="store_true", help="hold squares of that edge")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, default=Path("out/bench/convergence.json"))
     options = parser.parse_args()
+    if options.square:
+        simcore.solver.Pins = SquarePins  # type: ignore[misc]  # the experiment's, not the product's
     solvers = [Solver(GridMesh(1e-3 * cells)) for cells in sorted(options.cells, reverse=True)]
     rows: list[Line] = []
     for name in options.fabrics:
