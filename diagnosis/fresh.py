@@ -126,8 +126,7 @@ class FreshLook:
         """The search begins at states of the same effects at another size, else of all but the last, else of none."""
         fabric = self.result.task.parameters
         depth = next(c.depth for c in self.result.task.captures if c.id == capture.id)
-        key = drape_key(capture.base.drape.mesh, fabric, changed.setup, changed.mechanics)
-        known = self.found.setdefault(key, {})
+        known = self.found.setdefault(self._key(capture, changed), {})
         if capture.id in known:
             return known[capture.id][0]
 
@@ -153,23 +152,61 @@ class FreshLook:
             self.begun.setdefault(all_on, (best, near))
         return best
 
+    def agree(self, capture: CaptureResult, name: str) -> None:
+        """Let an effect be known, at all its sizes, from the nearest folds that a capture was ever seen in.
+
+        A search that finds them at one size, or only without the effect, and misses them at the next would have
+        responses pass through both. Later sizes begin where it is nearest, too.
+        """
+        known = [(size, *self._known(capture, [(name, size)])) for size in self.sizes[name]]
+        _, best, reached = min(known, key=lambda one: one[2])
+        starts = [(best, reached), (capture.base, capture.rms_m)]
+        for size, drape, near in known:
+            changed = self.seen(capture, [(name, size)])
+            for start, so_near in starts:
+                least = NEARER * near - NEAR_MARGIN_M
+                if start.drape.ok and so_near < least:
+                    led = self.simulator.proceed(start, self.result.task.parameters, changed)
+                    if (left := self._take(capture, changed, led, least)) < near:
+                        drape, near = led, left
+            _, begun = self.begun.get((capture.id, name), (drape, math.inf))
+            if near < NEARER * begun - NEAR_MARGIN_M:
+                self.begun[capture.id, name] = (drape, near)
+
+    def _known(self, capture: CaptureResult, effects: Sequence[Sized]) -> tuple[KeyedDrape, float]:
+        """The drape with effects on, and its distance from a capture [m]; infinite where it is not at rest."""
+        drape = self.drape(capture, effects)
+        return drape, self.distance(capture, effects) if drape.drape.ok else math.inf
+
+    def _key(self, capture: CaptureResult, scene: SimulationScene) -> str:
+        return drape_key(capture.base.drape.mesh, self.result.task.parameters, scene.setup, scene.mechanics)
+
+    def _take(self, capture: CaptureResult, scene: SimulationScene, found: KeyedDrape, least: float) -> float:
+        """Know a scene by this drape from now on where it is nearer to a capture than ``least`` [m].
+
+        Returns:
+            How near it then is [m]; infinity where it is not taken.
+        """
+        if not found.drape.ok:
+            return math.inf
+        depth = next(c.depth for c in self.result.task.captures if c.id == capture.id)
+        near = state_distance(depth, found.drape, scene)
+        if near >= least:
+            return math.inf
+        self.found.setdefault(self._key(capture, scene), {})[capture.id] = (found, near)
+        return near
+
     def without_last(self, capture: CaptureResult, effects: Sequence[Sized]) -> bool:
         """Let the last of some effects go again; whether that leaves the cloth nearer to a capture than it was known.
 
         It may only have helped the cloth over a ridge into folds that the search with the others missed.
         """
-        task, scene = self.result.task, self.seen(capture, effects[:-1])
-        depth = next(c.depth for c in task.captures if c.id == capture.id)
-        shown, known = self.drape(capture, effects), self.drape(capture, effects[:-1])
-        left = self.simulator.proceed(shown, task.parameters, scene) if shown.drape.ok else shown
-        if not left.drape.ok:
+        scene = self.seen(capture, effects[:-1])
+        shown, (_, near) = self.drape(capture, effects), self._known(capture, effects[:-1])
+        if not shown.drape.ok:
             return False
-        near = state_distance(depth, left.drape, scene)
-        if known.drape.ok and near >= NEARER * state_distance(depth, known.drape, scene) - NEAR_MARGIN_M:
-            return False
-        key = drape_key(capture.base.drape.mesh, task.parameters, scene.setup, scene.mechanics)
-        self.found[key][capture.id] = (left, near)
-        return True
+        left = self.simulator.proceed(shown, self.result.task.parameters, scene)
+        return self._take(capture, scene, left, NEARER * near - NEAR_MARGIN_M) < math.inf
 
     def picture(
         self, capture: CaptureResult, effects: Sequence[Sized], fabric: FabricParameters | None = None
@@ -213,10 +250,28 @@ def freshen(look: FreshLook, candidates: Sequence[Sized], scene: str) -> FabricR
     captures = []
     for capture in look.result.captures:
         if capture.scene == scene:
-            capture = _rebased(look, _seen_through(look, capture, cameras), solved)
+            capture = in_nearest_folds(look, _seen_through(look, capture, cameras), solved)
         names = [n for n in look.sizes if capture.scene == scene or not get_effect(n).moves_cloth]
         captures.append(replace(capture, responses=bent(look, capture, names)))
     return replace(look.result, captures=tuple(captures))
+
+
+def in_nearest_folds(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized]) -> CaptureResult:
+    """A capture with all that is simulated of it, with some effects and without any, in the folds that come nearest.
+
+    Args:
+        look: of the fabric; it learns.
+        capture: to look at.
+        candidates: effects on the cloth that are new, with their sizes, which ``look.sizes`` has, too.
+    """
+    for name in dict(candidates):
+        look.agree(capture, name)
+    found = _rebased(look, capture, candidates)
+    if found.base is not capture.base:  # what was known of other effects was seen from another state
+        for name in look.sizes:
+            if is_mechanical(get_effect(name)):
+                look.agree(found, name)
+    return found
 
 
 def _rebased(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized]) -> CaptureResult:

@@ -13,7 +13,7 @@ from diagnosis.cause import NOT_EFFECTS, Cause, Pair
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, FabricResult
-from diagnosis.fresh import FreshLook, Sized, bend, bent, is_mechanical, with_effects
+from diagnosis.fresh import FreshLook, Sized, bend, bent, in_nearest_folds, is_mechanical, with_effects
 from diagnosis.refinement import alike
 from diagnosis.responses import clean, sensed
 from diagnosis.sizes import nodes
@@ -109,6 +109,7 @@ def with_both(look: FreshLook, capture: CaptureResult, pairs: Sequence[Pair]) ->
     for pair in pairs:
         if not _on_one_sensor(pair) and look.without_last(capture, _both(pair)):
             look.sizes.setdefault(pair.first, []).append(pair.sizes[pair.first])
+            capture = in_nearest_folds(look, capture, [(pair.first, pair.sizes[pair.first])])
             names = [name for name in look.sizes if name in capture.responses.effects]
             capture = replace(capture, responses=bent(look, capture, names))
     for pair in pairs:

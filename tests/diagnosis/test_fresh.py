@@ -105,6 +105,52 @@ def test_a_search_begins_where_as_many_of_the_effects_as_possible_are_on(monkeyp
         assert began == expected
 
 
+@pytest.mark.parametrize(
+    ("near", "base", "landing", "began", "known", "first"),
+    [
+        ((2e-3, 1e-3), 3e-3, 1.1e-3, ["6"], (1.1e-3, 1e-3), "from 6"),  # found at one size: the other goes on from there
+        ((2e-3, 1e-3), 3e-3, 1.95e-3, ["6"], (2e-3, 1e-3), "6"),  # not where that is no nearer
+        ((2e-3, 1.9e-3), 3e-3, 1e-3, [], (2e-3, 1.9e-3), "8"),  # sizes differ: as near as such things are
+        ((3e-3, 2.9e-3), 2e-3, 2.1e-3, ["base", "base"], (2.1e-3, 2.1e-3), "from base"),  # nearest without the effect
+    ],
+)
+def test_what_is_known_of_an_effect_is_of_the_folds_that_come_nearest(
+    monkeypatch: pytest.MonkeyPatch,
+    near: tuple[float, float],
+    base: float,
+    landing: float,
+    began: list[str],
+    known: tuple[float, float],
+    first: str,
+) -> None:
+    """Tilts of 8 and 6 degrees, simulated before at some distances from the capture."""
+    starts: list[str] = []
+
+    class Solver:
+        def proceed(self, start: Any, fabric: Any, scene: Any) -> Any:
+            starts.append(start.key)
+            return state("from " + start.key, landing)
+
+    def state(key: str, distance_m: float) -> Any:
+        return SimpleNamespace(key=key, drape=SimpleNamespace(ok=True, mesh=None, distance=distance_m))
+
+    monkeypatch.setattr(fresh, "state_distance", lambda depth, drape, scene: drape.distance)
+    monkeypatch.setattr(fresh, "drape_key", lambda mesh, fabric, setup, mechanics: repr((setup, mechanics)))
+    seen = SimpleNamespace(id="seen", depth=None, scene=SimulationScene(Setup.nominal("stretch")))
+    simulator: Any = Solver()
+    result: Any = SimpleNamespace(task=SimpleNamespace(captures=[seen], parameters=None))
+    capture: Any = SimpleNamespace(id="seen", base=state("base", base), rms_m=base)
+    look = FreshLook(simulator, result, sizes={"panel_tilt": [TILT[1], OTHER_TILT[1]]})
+    states = {"8": state("8", near[0]), "6": state("6", near[1])}
+    for tilt, one in zip((TILT, OTHER_TILT), states.values(), strict=True):
+        look.found[look._key(capture, look.seen(capture, [tilt]))] = {"seen": (one, one.drape.distance)}
+    look.begun["seen", "panel_tilt"] = (states["8"], near[0])
+    look.agree(capture, "panel_tilt")
+    assert starts == began
+    assert tuple(look.distance(capture, [tilt]) for tilt in (TILT, OTHER_TILT)) == known
+    assert look.begun["seen", "panel_tilt"][0].key == first
+
+
 def test_a_copy_learns_without_the_first_one_knowing() -> None:
     nothing: Any = None
     first = FreshLook(

@@ -342,6 +342,13 @@ def test_what_a_second_effect_left_bends_the_firsts_responses(monkeypatch: pytes
     responses = Responses(np.zeros((7, 9)), np.zeros((8, 9)), np.zeros(9), np.zeros(9), rows, np.zeros(1))
     fitted = replace(responses, effects=rows | {"air_draft": (rows["air_draft"][0] + 1.0, np.zeros((1, 1)))})
     monkeypatch.setattr(together, "bent", lambda look, capture, names: fitted if "air_draft" in names else None)
+    known: list[Any] = []
+
+    def in_nearest_folds(look: Any, capture: Any, new: Any) -> Any:
+        known.extend(new)
+        return capture
+
+    monkeypatch.setattr(together, "in_nearest_folds", in_nearest_folds)
     lost = SimpleNamespace(drape=SimpleNamespace(ok=False))
     look: Any = SimpleNamespace(
         sizes={},
@@ -353,6 +360,7 @@ def test_what_a_second_effect_left_bends_the_firsts_responses(monkeypatch: pytes
     pair = Pair("air_draft", "crease", SIZES, evidence("crease", 1.0))
     found = together.with_both(look, cast(CaptureResult, Capture("seen", responses)), [pair])
     assert found.responses.effects is fitted.effects and look.sizes == {"air_draft": [DRAFT]}
+    assert known == [("air_draft", DRAFT)]
 
 
 def test_two_effects_on_one_sensor_are_named_by_what_was_rendered_with_both() -> None:
