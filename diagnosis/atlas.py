@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 
 from diagnosis.atlas_part import AtlasPart
+from diagnosis.base_state import STARTS
 from diagnosis.drape_cache import DrapeCache, drape_key
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
 from diagnosis.fresh import is_mechanical
+from diagnosis.missed_folds import FURTHER_SEEDS
 from diagnosis.refinement import CANDIDATES, LOOKS
 from diagnosis.simulator import Cost
 from diagnosis.sizes import nodes, shortcuts
@@ -141,7 +143,8 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)
-            most += (bases, len(own) * (one + beside), len(own) * (1 + further))
+            missed = len(FURTHER_SEEDS) if name == "stretch" else 0
+            most += (bases + missed, len(own) * (one + beside), len(own) * (1 + further + STARTS[name]) + missed)
     each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])
     totals = [(int(number.sum()), float(number @ each)) for number in (counts, most)]
     return Forecast(*totals[0], *totals[1], ready, len(tasks))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from diagnosis.base_state import nearest_state, picture_of
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.features import Features, measure
+from diagnosis.missed_folds import further_states, is_missed
 from diagnosis.reference import Reference, make_reference
 from diagnosis.responses import Responses, borrowed_responses
 from diagnosis.scene import SimulationScene
@@ -129,12 +131,10 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
     simulator = Simulator(cache)
     results: list[CaptureResult] = []
     for name in sorted({c.scene.setup.scene.value for c in task.captures}):
-        found: dict[str, float] = {}
+        own = [c for c in task.captures if c.scene.setup.scene.value == name]
         keys: list[str] = []
         states: list[SeenState] = []
-        for capture in (c for c in task.captures if c.scene.setup.scene.value == name):
-            drape, rms = find_state(simulator, task, capture, found)
-            found[drape.key] = min(rms, found.get(drape.key, rms))
+        for capture, (drape, rms) in zip(own, find_states(simulator, task, own), strict=True):
             if drape.key not in keys:
                 keys.append(drape.key)
             state = next((s for s in states if s.drape.key == drape.key and s.scene == capture.scene), None)
@@ -161,17 +161,45 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
     return FabricResult(task, tuple(results), simulator.cost)
 
 
+def find_states(
+    simulator: Simulator, task: FabricTask, captures: Sequence[CaptureTask]
+) -> list[tuple[KeyedDrape, float]]:
+    """The fold state nearest to each of a scene's captures, and its distance from it [m].
+
+    Where one repeat is far from any, it is sought again among more (:mod:`diagnosis.missed_folds`).
+    """
+    found: dict[str, float] = {}
+    nearest = []
+    for capture in captures:
+        drape, rms = find_state(simulator, task, capture, found)
+        found[drape.key] = min(rms, found.get(drape.key, rms))
+        nearest.append((drape, rms))
+    distances = [rms for _, rms in nearest]
+    for number, capture in enumerate(captures):
+        if is_missed(distances[number], distances, capture.scene):
+            nearest[number] = find_state(simulator, task, capture, further=True)
+    return nearest
+
+
 def find_state(
-    simulator: Simulator, task: FabricTask, capture: CaptureTask, found: dict[str, float] | None = None
+    simulator: Simulator,
+    task: FabricTask,
+    capture: CaptureTask,
+    found: dict[str, float] | None = None,
+    *,
+    further: bool = False,
 ) -> tuple[KeyedDrape, float]:
     """The fold state nearest to a capture, and its distance from it [m].
 
     Args:
         simulator, task, capture: what is looked for.
         found: states that earlier repeats showed, by key, with their distance [m].
+        further: look among the states of more samples.
     """
     mesh = GridMesh(task.resolution_m, capture.scene.setup.sample_size_m)
     bases = base_states(simulator, task.parameters, capture.scene, mesh)
+    if further:
+        bases += further_states(simulator, task.parameters, capture.scene, mesh)
     enough = {key: AS_NEAR_AS_BEFORE * rms + AS_NEAR_M for key, rms in (found or {}).items()}
     return nearest_state(simulator, task.parameters, capture.scene, capture.depth, bases, enough)
 
