@@ -108,7 +108,14 @@ def test_a_search_begins_where_as_many_of_the_effects_as_possible_are_on(monkeyp
 @pytest.mark.parametrize(
     ("near", "base", "landing", "began", "known", "first"),
     [
-        ((2e-3, 1e-3), 3e-3, 1.1e-3, ["6"], (1.1e-3, 1e-3), "from 6"),  # found at one size: the other goes on from there
+        (
+            (2e-3, 1e-3),
+            3e-3,
+            1.1e-3,
+            ["6"],
+            (1.1e-3, 1e-3),
+            "from 6",
+        ),  # found at one size
         ((2e-3, 1e-3), 3e-3, 1.95e-3, ["6"], (2e-3, 1e-3), "6"),  # not where that is no nearer
         ((2e-3, 1.9e-3), 3e-3, 1e-3, [], (2e-3, 1.9e-3), "8"),  # sizes differ: as near as such things are
         ((3e-3, 2.9e-3), 2e-3, 2.1e-3, ["base", "base"], (2.1e-3, 2.1e-3), "from base"),  # nearest without the effect

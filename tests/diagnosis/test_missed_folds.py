@@ -1,0 +1,71 @@
+"""Captures whose folds the first search missed are told, and sought among more samples."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis import fabric_task, missed_folds
+from diagnosis.drape_cache import DrapeCache
+from diagnosis.fabric_task import CaptureTask, FabricTask, find_states
+from diagnosis.missed_folds import further_states, is_missed
+from diagnosis.scene import SimulationScene
+from diagnosis.simulator import KeyedDrape, Simulator
+from renderer.sensor import SensorModel
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+
+SOFT = FabricParameters(817, 111, 52, 1.6e-5, 5e-6, 7e-6, 0.23)
+STRETCH = SimulationScene(Setup.nominal("stretch"), sensor=SensorModel(range_noise_m=0.001))
+HANGING = SimulationScene(Setup.nominal("hanging"), sensor=SensorModel(range_noise_m=0.001))
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "repeats_m", "scene", "missed"),
+    [
+        (0.0040, (0.0013, 0.0040), STRETCH, True),  # one repeat alone is far
+        (0.0013, (0.0013, 0.0040), STRETCH, False),
+        (0.0040, (0.0039, 0.0040), STRETCH, False),  # both are: that is what an effect does
+        (0.0015, (0.0013, 0.0015), STRETCH, False),
+        (0.0040, (0.0013, 0.0040), HANGING, False),
+        (0.0030, (0.0030,), STRETCH, True),  # no repeat to hold it against
+        (0.0020, (0.0020,), STRETCH, False),
+    ],
+)
+def test_what_is_far_in_one_repeat_alone_was_missed(
+    distance_m: float, repeats_m: tuple[float, ...], scene: SimulationScene, missed: bool
+) -> None:
+    assert is_missed(distance_m, repeats_m, scene) is missed
+
+
+def test_only_what_was_missed_is_sought_among_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    distances = {("a", False): 0.0013, ("b", False): 0.0040, ("b", True): 0.0014, ("c", False): 0.0014}
+    asked: list[tuple[str, bool]] = []
+
+    def find(simulator: Any, task: Any, capture: Any, found: Any = None, *, further: bool = False) -> tuple[Any, float]:
+        asked.append((capture.id, further))
+        state: Any = KeyedDrape(None, f"{capture.id} {further}")  # type: ignore[arg-type]  # not looked into
+        return state, distances[capture.id, further]
+
+    monkeypatch.setattr(fabric_task, "find_state", find)
+    seen = tuple(CaptureTask(name, 0, np.zeros((1, 1), np.float32), STRETCH, True) for name in "abc")
+    nothing: Any = None
+    found = find_states(nothing, FabricTask("f", SOFT, (0.07,) * 7, seen, ()), seen)
+    assert asked == [("a", False), ("b", False), ("c", False), ("b", True)]
+    assert [(state.key, rms) for state, rms in found] == [("a False", 0.0013), ("b True", 0.0014), ("c False", 0.0014)]
+
+
+def test_further_samples_rest_with_magnets_where_they_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(missed_folds, "FURTHER_SEEDS", range(100, 103))
+    mesh = GridMesh(0.02)
+    states = further_states(Simulator(DrapeCache(None)), SOFT, STRETCH, mesh)
+    assert len(states) == 3
+    for state in states:
+        assert state.drape.ok
+        np.testing.assert_allclose(state.drape.vertices[0], STRETCH.setup.pins_m["top_left"], atol=1e-12)
+        np.testing.assert_allclose(state.drape.vertices[-1], STRETCH.setup.pins_m["bottom_right"], atol=1e-12)
+    heights = np.stack([state.drape.vertices[:, 2] for state in states])
+    assert float(np.ptp(heights, axis=0).max()) > 2e-3, "samples whose magnets were off rest in several fold states"
