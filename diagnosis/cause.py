@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 NOT_EFFECTS = ("none", "unknown")
 SECOND_NATS = 2.0
 """A second effect that explains no more than this adds nothing."""
+PICKED_UP = 0.3
+"""Of what an effect on the cloth gains, so much a second one on the cloth may gain by what the first leaves: large
+changes are simulated less well, and what is left of them looks like some other effect."""
 REFUTED = 0.1
 """Share of its probability that an effect keeps which brings the simulation no nearer to captures held out from it."""
 FIRST_EFFECTS = 3
@@ -194,6 +197,8 @@ def name_cause(
         known = evidence["unknown"].log_evidence + np.log1p(-REMAINDER_SHARE)
         total = float(np.logaddexp(known, besides + np.log(REMAINDER_SHARE)))
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
+    two = [_beyond_the_first(pair, evidence) for pair in tried]
+    found = [pair for pair in two if pair.evidence.log_evidence > evidence[pair.first].log_evidence + SECOND_NATS]
     return replace(_weigh(shares, evidence, found, prior), tried=tuple(tried))
 
 
@@ -288,6 +293,15 @@ def is_said_again(alone: float, left: float, gained: float) -> bool:
         gained: by them [all in nats, against nothing].
     """
     return alone > 0.0 and gained > SAID * alone and left < UNSAID * alone
+
+
+def _beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence]) -> Pair:
+    """Without what the second gains by what the first leaves."""
+    if not all(get_effect(name).moves_cloth for name in (pair.first, pair.second)):
+        return pair
+    gained = max(0.0, evidence[pair.first].log_evidence - evidence["none"].log_evidence)
+    own = pair.evidence
+    return replace(pair, evidence=replace(own, log_evidence=own.log_evidence - PICKED_UP * gained))
 
 
 def _by_more_than_one(found: Evidence, other: Evidence) -> Evidence:

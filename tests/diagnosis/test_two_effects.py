@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from diagnosis import cause as cause_module
 from diagnosis import fresh, refinement, together
 from diagnosis.block import Block, PixelBlock, View
 from diagnosis.cause import Cause, Pair, name_cause
@@ -196,6 +197,16 @@ def test_a_pair_is_simulated_again_only_where_its_sizes_moved_and_it_is_near(
     looks: Any = {"f1": SimpleNamespace(result=None)}
     together.look_together(looks, lambda _: next(causes), "stretch")
     assert simulated == expected
+
+
+def test_what_a_strong_first_effect_leaves_does_not_make_a_second() -> None:
+    singles = {"none": evidence("none", 0.0), "air_draft": evidence("air_draft", 20.0)}
+    for second, left in (("crease", 29.0 - 20.0 * cause_module.PICKED_UP), ("range_noise", 29.0)):
+        pair = Pair("air_draft", second, SIZES, evidence(second, 29.0))
+        assert cause_module._beyond_the_first(pair, singles).evidence.log_evidence == pytest.approx(left)
+    weak = {"none": evidence("none", 5.0), "air_draft": evidence("air_draft", 3.0)}
+    pair = Pair("air_draft", "crease", SIZES, evidence("crease", 9.0))
+    assert cause_module._beyond_the_first(pair, weak).evidence.log_evidence == 9.0
 
 
 def test_both_responses_give_what_was_simulated_with_both_on() -> None:
