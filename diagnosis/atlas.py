@@ -43,8 +43,9 @@ class Forecast:
         simulations: still to be solved, about, where all captures of a fabric in a scene show the same folds.
         seconds: CPU seconds that takes, about.
         most_simulations, most_seconds: the same where each capture shows folds of its own, which bring their own
-            responses, where looking closer changes which effects are looked at, where an effect is found on trial, and
-            where one on the cloth leads, beside which others are looked for.
+            responses, where looking closer changes which effects are looked at, where an effect is found on trial,
+            where one on the cloth leads, beside which others are looked for, and where a capture's folds are missed at
+            first; without what goes on from nearer folds once such are found.
         ready: fabrics whose base states are already at hand.
         fabrics: of the set.
     """
