@@ -144,8 +144,8 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)
-            missed = len(FURTHER_SEEDS) if name == "stretch" else 0
-            most += (bases + missed, len(own) * (one + beside), len(own) * (1 + further + STARTS[name]) + missed)
+            missed, again = (len(FURTHER_SEEDS), STARTS[name]) if name == "stretch" else (0, 0)
+            most += (bases + missed, len(own) * (one + beside), len(own) * (1 + further + again) + missed)
     each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])
     totals = [(int(number.sum()), float(number @ each)) for number in (counts, most)]
     return Forecast(*totals[0], *totals[1], ready, len(tasks))

@@ -70,6 +70,19 @@ TILT, OTHER_TILT = ("panel_tilt", {SCALAR: 8.0}), ("panel_tilt", {SCALAR: 6.0})
 CREASE = ("crease", {SCALAR: 1.0, "down": 1.0, "position": 0.5})
 
 
+def state(key: str, distance_m: float) -> Any:
+    """At rest, so far from the capture."""
+    return SimpleNamespace(key=key, drape=SimpleNamespace(ok=True, mesh=None, distance=distance_m))
+
+
+def one_capture(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Of a fabric with one capture, whose distance every state knows."""
+    monkeypatch.setattr(fresh, "state_distance", lambda depth, drape, scene: drape.distance)
+    monkeypatch.setattr(fresh, "drape_key", lambda mesh, fabric, setup, mechanics: repr((setup, mechanics)))
+    seen = SimpleNamespace(id="seen", depth=None, scene=SimulationScene(Setup.nominal("stretch")))
+    return SimpleNamespace(task=SimpleNamespace(captures=[seen], parameters=None))
+
+
 def test_a_search_begins_where_as_many_of_the_effects_as_possible_are_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Beside a tilt a crease is sought from the state with the tilt on, and led by the capture where that is far."""
     began: list[str] = []
@@ -83,14 +96,8 @@ def test_a_search_begins_where_as_many_of_the_effects_as_possible_are_on(monkeyp
             began.append("led")
             return state("led", 1e-3)
 
-    def state(key: str, distance_m: float) -> Any:
-        return SimpleNamespace(key=key, drape=SimpleNamespace(ok=True, mesh=None, distance=distance_m))
-
-    monkeypatch.setattr(fresh, "state_distance", lambda depth, drape, scene: drape.distance)
-    monkeypatch.setattr(fresh, "drape_key", lambda mesh, fabric, setup, mechanics: repr((setup, mechanics)))
-    seen = SimpleNamespace(id="seen", depth=None, scene=SimulationScene(Setup.nominal("stretch")))
     simulator: Any = Solver()
-    result: Any = SimpleNamespace(task=SimpleNamespace(captures=[seen], parameters=None))
+    result = one_capture(monkeypatch)
     capture: Any = SimpleNamespace(id="seen", base=state("base", 3e-3), rms_m=3e-3)
     tilted, both = (state("tilted", 2e-3), 2e-3), (state("both", 2e-3), 2e-3)
     for known, sizes, expected in (
@@ -138,14 +145,8 @@ def test_what_is_known_of_an_effect_is_of_the_folds_that_come_nearest(
             starts.append(start.key)
             return state("from " + start.key, landing)
 
-    def state(key: str, distance_m: float) -> Any:
-        return SimpleNamespace(key=key, drape=SimpleNamespace(ok=True, mesh=None, distance=distance_m))
-
-    monkeypatch.setattr(fresh, "state_distance", lambda depth, drape, scene: drape.distance)
-    monkeypatch.setattr(fresh, "drape_key", lambda mesh, fabric, setup, mechanics: repr((setup, mechanics)))
-    seen = SimpleNamespace(id="seen", depth=None, scene=SimulationScene(Setup.nominal("stretch")))
     simulator: Any = Solver()
-    result: Any = SimpleNamespace(task=SimpleNamespace(captures=[seen], parameters=None))
+    result = one_capture(monkeypatch)
     capture: Any = SimpleNamespace(id="seen", base=state("base", base), rms_m=base)
     look = FreshLook(simulator, result, sizes={"panel_tilt": [TILT[1], OTHER_TILT[1]]})
     states = {"8": state("8", near[0]), "6": state("6", near[1])}

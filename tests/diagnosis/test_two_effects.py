@@ -199,14 +199,14 @@ def test_a_pair_is_simulated_again_only_where_its_sizes_moved_and_it_is_near(
     assert simulated == expected
 
 
-def test_what_a_strong_first_effect_leaves_does_not_make_a_second() -> None:
-    singles = {"none": evidence("none", 0.0), "air_draft": evidence("air_draft", 20.0)}
-    for second, left in (("crease", 29.0 - 20.0 * cause_module.PICKED_UP), ("range_noise", 29.0)):
-        pair = Pair("air_draft", second, SIZES, evidence(second, 29.0))
-        assert cause_module._beyond_the_first(pair, singles).evidence.log_evidence == pytest.approx(left)
-    weak = {"none": evidence("none", 5.0), "air_draft": evidence("air_draft", 3.0)}
-    pair = Pair("air_draft", "crease", SIZES, evidence("crease", 9.0))
-    assert cause_module._beyond_the_first(pair, weak).evidence.log_evidence == 9.0
+def test_a_second_effect_gains_more_than_what_a_strong_first_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    blocks = blocks_of(SIZES)
+    both = named(blocks)
+    monkeypatch.setattr(cause_module, "PICKED_UP", 5.0)
+    one = named(blocks)  # nothing gains that much
+    assert len(both.named) == 2 and both.pair_probability > 0.99
+    assert len(one.named) < 2 and one.pair_probability < 0.01
+    assert one.tried == both.tried, "what is simulated together is chosen by what both gain"
 
 
 def test_both_responses_give_what_was_simulated_with_both_on() -> None:
