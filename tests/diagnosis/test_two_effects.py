@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -16,7 +16,7 @@ from diagnosis.block import Block, PixelBlock, View
 from diagnosis.cause import Cause, Pair, name_cause
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence, tabulate, tabulate_nothing
+from diagnosis.evidence import tabulate, tabulate_nothing
 from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook
 from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
@@ -25,6 +25,7 @@ from diagnosis.scene import SimulationScene
 from diagnosis.sizes import node_weights, nodes
 from diagnosis.subtract import without
 from simcore.scenes import Setup
+from tests.diagnosis.pair_parts import Capture, evidence
 
 COUNT, FABRICS = 60, 4
 DRAFT, CREASE = {SCALAR: 0.4}, {SCALAR: 1.0, "down": 1.0, "position": 0.5}
@@ -130,10 +131,6 @@ def test_both_are_named_where_they_were_simulated_together() -> None:
     alone = [replace(b, stated=replace(b.stated, beside={}), wide=replace(b.wide, beside={})) for b in blocks]
     assert set(named(blocks).named) == set(SIZES)
     assert "crease" not in named(alone).named
-
-
-def evidence(name: str, value: float, size: Mapping[str, float] = {}) -> Evidence:
-    return Evidence(name, value, value, {}, dict(size), dict(size), value, {})
 
 
 def cause_of(pair_nats: float, second: str = "crease", size: float = 1.0, top: str = "air_draft") -> Cause:
@@ -287,59 +284,6 @@ def test_what_the_second_effect_leaves_behind_is_the_firsts_where_it_is_nearer(
     assert look.found["first alone"] == ({"seen": (left, 0.001)} if nearer else {})
 
 
-def test_two_effects_on_one_sensor_are_rendered_together_at_all_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Steps hide noise: what the second one changes beside the first is less than what it changes alone."""
-    noise, steps = get_effect("range_noise"), get_effect("quantisation")
-
-    def seen(depth: Any, sizes: Mapping[str, float], reference: Any) -> Any:
-        value = sizes.get(noise.name, 0.0) * (0.2 if steps.name in sizes else 1.0) + 7.0 * sizes.get(steps.name, 0.0)
-        return SimpleNamespace(vector=lambda: np.full(3, value), pixels=np.array([value]))
-
-    monkeypatch.setattr(together, "sensed", seen)
-    monkeypatch.setattr(together, "with_effects", lambda scene, sizes: {name: size[SCALAR] for name, size in sizes})
-    rows = {
-        effect.name: (np.zeros((len(nodes(effect)), 3)), factor * np.array([[s[SCALAR]] for s in nodes(effect)]))
-        for effect, factor in ((noise, 1.0), (steps, 7.0))
-    }
-    responses = Responses(np.zeros((7, 3)), np.zeros((8, 3)), np.zeros(3), np.zeros(3), rows, np.zeros(1))
-    look = cast(FreshLook, SimpleNamespace(scene_of=lambda capture: None))
-    size = nodes(steps)[4]
-    pair = Pair(steps.name, noise.name, {steps.name: size, noise.name: {SCALAR: 0.001}}, evidence(noise.name, 1.0))
-    capture = cast(CaptureResult, Capture("seen", responses, SimpleNamespace(depth=None)))
-    vectors, pixels = together.with_both(look, capture, [pair]).responses.beside[noise.name, steps.name]
-    np.testing.assert_allclose(pixels[:, 0], [0.2 * s[SCALAR] for s in nodes(noise)], atol=1e-12)
-    np.testing.assert_array_equal(vectors, 0.0)
-
-
-def test_what_chance_does_to_cells_is_not_the_second_effects(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mixed pixels move a cell's mean another way in every picture; a blur beside them moves it by its own alone."""
-    stray, blur = get_effect("edge_flying_pixels"), get_effect("sensor_smoothing")
-
-    def seen(depth: Any, sizes: Mapping[str, float], reference: Any) -> Any:
-        value = 5.0 * sizes.get(stray.name, 0.0) + 2.0 * sizes.get(blur.name, 0.0)
-        return SimpleNamespace(vector=lambda: np.full(3, value), pixels=np.array([value]))
-
-    monkeypatch.setattr(together, "sensed", seen)
-    monkeypatch.setattr(together, "with_effects", lambda scene, sizes: {name: size[SCALAR] for name, size in sizes})
-    rows = {
-        effect.name: (
-            np.full((len(nodes(effect)), 3), 0.0 if effect.white else 1.0),
-            factor * np.array([[s[SCALAR]] for s in nodes(effect)]),
-        )
-        for effect, factor in ((stray, 5.0), (blur, 2.0))
-    }
-    responses = Responses(np.zeros((7, 3)), np.zeros((8, 3)), np.zeros(3), np.zeros(3), rows, np.zeros(1))
-    look = cast(FreshLook, SimpleNamespace(scene_of=lambda capture: None))
-    pair = Pair(
-        stray.name, blur.name, {stray.name: nodes(stray)[4], blur.name: nodes(blur)[0]}, evidence(blur.name, 1.0)
-    )
-    capture = cast(CaptureResult, Capture("seen", responses, SimpleNamespace(depth=None)))
-    vectors, pixels = together.with_both(look, capture, [pair]).responses.beside[blur.name, stray.name]
-    own = [2.0 * s[SCALAR] for s in nodes(blur)]
-    np.testing.assert_allclose(vectors[:, 0], own, atol=1e-12)
-    np.testing.assert_allclose(pixels[:, 0], own, atol=1e-12)
-
-
 def test_what_is_only_rendered_is_tried_further_behind() -> None:
     singles = {"none": evidence("none", 0.0), "quantisation": evidence("quantisation", 20.0)}
     for second, expected in (("range_noise", 1), ("crease", 0)):
@@ -388,15 +332,6 @@ def test_two_effects_on_one_sensor_are_named_by_what_was_rendered_with_both() ->
     told = replace(pixels, beside={("range_noise", "dropout"): both})
     assert set(name_cause(names, blocks, told).named) == set(names)
     assert len(name_cause(names, blocks, pixels).named) < 2
-
-
-@dataclass(frozen=True)
-class Capture:
-    """What of a capture's result is needed."""
-
-    id: str
-    responses: Responses
-    reference: Any = None
 
 
 def test_where_something_unknown_is_likeliest_the_likeliest_effects_are_looked_at_all_the_same() -> None:
