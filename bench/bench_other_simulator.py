@@ -1,6 +1,6 @@
 """Captures by another simulator of cloth (``bench.hinge_cloth``): is what was put into them found?
 
-    python bench/bench_other_simulator.py make FOLDER [--sets none,panel_tilt=8] [--workers 2]
+    python bench/bench_other_simulator.py make FOLDER [--sets "none;panel_tilt=8"] [--workers 2]
     python bench/bench_other_simulator.py diagnose FOLDER
 
 Four fabrics, both scenes, two repeats; stated parameters 7 % off; magnets that hold a point. Sets that stand already

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from diagnosis.cause import NOT_EFFECTS
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.groups import group_of
+from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.isolability import Separation, remedy
 from diagnosis.report import CauseReport, Kind, Region, RegionGap, StageName
 from diagnosis.where_figure import SURE

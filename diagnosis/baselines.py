@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.block import Block, whiten
-from diagnosis.cause import NOT_EFFECTS
 from diagnosis.diagnose import Diagnosis
+from diagnosis.groups import NOT_EFFECTS
 from diagnosis.likelihood import LikelihoodModel
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from capture.capture_set import CaptureSet
 from diagnosis.atlas import forecast
 from diagnosis.beside import look_beside
 from diagnosis.block import Block, PixelBlock, make_block, make_pixel_block
-from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
+from diagnosis.cause import Cause, name_cause
 from diagnosis.detection import detect
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR
@@ -20,7 +20,7 @@ from diagnosis.fabric_task import FabricResult, explain_fabric
 from diagnosis.folds import folds_of
 from diagnosis.fresh import FreshLook, Sized
 from diagnosis.grip import Grip, judge_grip, with_other_grip
-from diagnosis.groups import group_of
+from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.isolability import not_separable
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
@@ -204,9 +204,14 @@ class _Conclusion:
             looks = look_together(looks, partial(self.name, noise=noise), scene, self.workers)
             results = [look.result for look in looks.values()]
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
-        cause = name_cause(self.effects, blocks, pixels, self.model)
+        close = _all_alike(noise)
+        weighed = make_blocks(results, close)
+        cause = name_cause(self.effects, weighed, pixels, self.model)
 
-        folds = folds_of(results, blocks, noise)
+        folds = [
+            replace(fold, rest=own.rest)
+            for fold, own in zip(folds_of(results, blocks, noise), folds_of(results, weighed, close), strict=True)
+        ]
         judge = Judge(looks, self.workers)
 
         def measure(of: Cause, *, known: bool = False) -> Measured | None:
@@ -251,15 +256,21 @@ class _Conclusion:
 
     def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
         """All explanations weighed, two effects together included."""
-        return name_cause(self.effects, make_blocks(results, noise), _pixels(results, noise), self.model)
+        blocks = make_blocks(results, _all_alike(noise))
+        return name_cause(self.effects, blocks, _pixels(results, noise), self.model)
 
     def weigh(self, results: Sequence[FabricResult], beside: Sized | None, noise: NoiseModel) -> Cause:
         """Single effects alone, to choose what is simulated: their responses are not yet trusted in any scene."""
-        blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
+        blocks, pixels = make_blocks(results, _all_alike(noise)), _pixels(results, noise)
         if beside is not None:
             blocks = [without(block, *beside) for block in blocks]
             pixels = pixels_without(pixels, *beside)
         return name_cause(self.effects, blocks, pixels, replace(self.model, moved_stretch=ROUGH), pairs=False)
+
+
+def _all_alike(noise: NoiseModel) -> NoiseModel:
+    """Errors beside how magnets hold, which explanations are averaged over for all fabrics alike."""
+    return replace(noise, grip_share=noise.grip_own_share)
 
 
 def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:

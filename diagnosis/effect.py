@@ -93,6 +93,7 @@ class Effect:
         vague: pixel statistics that it changes by more or less, as chance has it.
         twin: an effect that differs from it only in how its sizes go with the fabrics' density.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
+        fine: what it does hangs on strains that coarse cells do not hold: responses to it are simulated on fine ones.
     """
 
     name: str
@@ -110,6 +111,7 @@ class Effect:
     vague: tuple[str, ...] = ()
     twin: Twin | None = None
     vanishes_at_zero: bool = True
+    fine: bool = False
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
     where: str = ""
 

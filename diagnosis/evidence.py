@@ -86,6 +86,7 @@ class Table:
         sizes: by component, one entry an ``s``.
         sigma: of a vector's components.
         share: relative error of the size that all captures share.
+        hold: log probabilities of what else is averaged over, [s].
     """
 
     name: str
@@ -95,18 +96,19 @@ class Table:
     sizes: tuple[dict[str, float], ...]
     sigma: dict[str, float] = field(default_factory=dict)
     share: float = 0.0
+    hold: Array | float = 0.0
 
     def values(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> list[float]:
         """Log likelihood of each block at the most probable size."""
         total, _ = combine(blocks, self.blocks, best, model)
-        top = int(np.argmax(total + self.pixels + self.prior))
+        top = int(np.argmax(total + self.pixels + self.prior + self.hold))
         return [float(values[top]) for values in self.blocks]
 
     def weigh(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> Evidence:
         """Combine blocks, marginalise the size."""
         total, fabrics = combine(blocks, self.blocks, best, model)
         likelihood = total + self.pixels
-        posterior = likelihood + self.prior
+        posterior = likelihood + self.prior + self.hold
         evidence = float(logsumexp(posterior))
         top = int(np.argmax(posterior))
         size = self.sizes[top]

@@ -1,7 +1,8 @@
-"""Effects that two scenes at one distance cannot tell apart."""
+"""Explanations that are no effects, and effects that two scenes at one distance cannot tell apart."""
 
 from __future__ import annotations
 
+NOT_EFFECTS = ("none", "unknown")
 GROUPS: tuple[frozenset[str], ...] = (
     frozenset({"depth_scale", "depth_bias", "camera_translation"}),
     frozenset({"air_draft", "panel_tilt"}),

@@ -28,7 +28,9 @@ class NoiseModel:
         touching_m, touch_m: the same for cloth that lies on the panel, fading over this height.
         pin_m: how far each magnet is from its stated place, along x and y; another draw in every repeat.
         held_m: how far the place at which a magnet holds the cloth differs from the simulated one (common).
-        grip_share: share of the change between a magnet that holds a point and one that holds a patch (common).
+        grip_share: share of the change between a magnet that holds a point and one that holds a patch (common to the
+            repeats of a fabric).
+        grip_own_share: the same where what all fabrics share of it is looked for (:mod:`diagnosis.holds`).
         mesh_share: share of the change to a mesh of twice the cell that is the fine mesh's own error, uncertainty.
         mesh_most_m: root mean square of that change beyond which folds moved, which refinement does not explain.
         mesh_local: the same cell by cell, smooth.
@@ -53,6 +55,7 @@ class NoiseModel:
     pin_m: float = 0.0005
     held_m: float = 0.0003
     grip_share: float = 0.7
+    grip_own_share: float = 0.03
     mesh_share: float = 0.7
     mesh_most_m: float = 0.0015
     mesh_local: float = 0.7

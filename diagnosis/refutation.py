@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+
 from diagnosis.cause import Cause
 from diagnosis.effects import get_effect
 from diagnosis.fresh import is_mechanical
 from diagnosis.report import Shrinkage
+from diagnosis.shares import fraction_of
 from diagnosis.shrinkage import Measured
 
 WORSE = -0.25
@@ -31,21 +34,36 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
     measured = measure(cause)
     if measured is not None and len(cause.named) == 2:
         single = cause.refuted()
-        if is_refuted(measured.shrinkage):
+        if is_refuted(measured):
             cause, measured = single, measure(single)
         elif set(single.named) & set(cause.named) and all(is_mechanical(get_effect(n)) for n in cause.named):
             both, alone = measure(cause, known=True), measure(single, known=True)
             if both is not None and alone is not None and is_needless(both.shrinkage, alone.shrinkage):
                 cause, measured = single, measure(single)
-    while measured is not None and is_refuted(measured.shrinkage):  # ends: none and unknown get what effects lose
+    while measured is not None and is_refuted(measured):  # ends: none and unknown get what effects lose
         cause = cause.refuted()
         measured = measure(cause) if cause.named else None
     return cause, measured
 
 
-def is_refuted(shrinkage: Shrinkage) -> bool:
-    """Simulated afresh on fabrics that had no part in finding it, the effect plainly takes the simulation away."""
-    return shrinkage.simulated_afresh and shrinkage.fraction < WORSE
+def is_refuted(measured: Measured) -> bool:
+    """Simulated afresh on fabrics that had no part in finding it, the effect plainly takes the simulation away.
+
+    Of three fabrics or more the one that speaks most against it does not decide alone: its folds may have been missed
+    with the effect on.
+    """
+    found = measured.shrinkage
+    if not found.simulated_afresh or found.fraction >= WORSE:
+        return False
+    against: dict[str, float] = {}
+    for held in measured.held:
+        before, after = held.squares[-1][:2]
+        against[held.block.fabric] = against.get(held.block.fabric, 0.0) + float(after - before)
+    if len(against) < 3:
+        return True
+    most = max(against, key=lambda fabric: against[fabric])
+    others = np.stack([held.squares[-1] for held in measured.held if held.block.fabric != most])
+    return fraction_of(others) <= 0.0
 
 
 def is_needless(together: Shrinkage, alone: Shrinkage) -> bool:

@@ -156,7 +156,8 @@ def _key(what: str, state: KeyedDrape, scene: SimulationScene) -> str:
 def _effect_key(effect: Effect, state: KeyedDrape, scene: SimulationScene) -> str:
     changed = [effect.apply(scene, size) for size in nodes(effect)]
     measured = {"pixels": PIXELS_VERSION} if effect.stage is Stage.SENSOR else {}
-    return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed, **measured)
+    cells = {"fine": True} if effect.fine else {}
+    return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed, **measured, **cells)
 
 
 @dataclass
@@ -170,10 +171,18 @@ class _Look:
     picture: NDArray[np.float32]
     reference: Reference
     sparing: bool = False  # simulate the half sizes only, in any scene
+    fine: bool = False  # on the state's own mesh
+
+    @cached_property
+    def on_fine_cells(self) -> _Look:
+        """The same on the state's own mesh."""
+        return replace(self, fine=True)
 
     @cached_property
     def origin(self) -> KeyedDrape:
         """The state on a mesh of twice the cell, where variations cost little; itself where it fell elsewhere."""
+        if self.fine:
+            return self.state
         coarse = self.simulator.coarser(self.state, self.fabric, self.scene)
         if not coarse.drape.ok or depth_rms(picture_of(coarse.drape, self.scene), self.picture) > COARSE_TOO_FAR_M:
             return self.state
@@ -241,7 +250,8 @@ class _Look:
             elif changed == self.scene:
                 rows[number] = (np.zeros(len(self.base)), still)
             elif number not in plan:
-                rows[number] = (self.change(self.fabric, changed), still)
+                look = self.on_fine_cells if effect.fine else self
+                rows[number] = (look.change(self.fabric, changed), still)
         for number, (source, factor) in plan.items():
             if number not in rows:
                 rows[number] = (factor * rows[source][0], still)

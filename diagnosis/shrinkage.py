@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.block import Block, PixelBlock
-from diagnosis.cause import NOT_EFFECTS, Cause, name_cause
+from diagnosis.cause import Cause, name_cause
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.folds import Fold
 from diagnosis.fresh import FreshLook, Sized
-from diagnosis.groups import group_of
+from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.reference import cell_centres
 from diagnosis.regions import REGIONS, region_of_cells

@@ -56,12 +56,13 @@ def shortcuts(effect: Effect) -> dict[int, tuple[int, float]]:
     if effect.vector or effect.random_repeats:
         return {}
     values = node_values(effect)
+    strengths = strength(effect, np.array(values))
     plan: dict[int, tuple[int, float]] = {}
     for place in range(len(effect.places)):
         first = place * len(values)
         for number, value in enumerate(values):
             if not effect.vanishes_at_zero and number:
-                plan[first + number] = (first, (values[0] / value) ** 2)
+                plan[first + number] = (first, float(strengths[number] / strengths[0]))
             elif effect.vanishes_at_zero and abs(value) > 0.75 * max(np.abs(values)):
                 half = min(range(len(values)), key=lambda k: abs(values[k] - 0.5 * value))
                 plan[first + number] = (first + half, 2.0)
@@ -104,23 +105,23 @@ def fading(component: Component, size: NDArray[np.float64]) -> NDArray[np.float6
 def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weights [sizes, nodes] that turn responses at :func:`node_values` into responses at ``sizes``.
 
-    Piecewise linear through zero for effects that vanish at size zero, linear in the logarithm otherwise; beyond the
-    outermost nodes the last piece is continued.
+    Piecewise linear in the effect's :func:`strength` through zero; beyond the outermost nodes the last piece is
+    continued.
     """
-    own = np.array(node_values(effect))
-    if effect.vanishes_at_zero:
-        knots = np.sort(np.append(own, 0.0))
-        at = sizes
-    else:
-        knots, at = np.log(own), np.log(sizes)
+    own = strength(effect, np.array(node_values(effect)))
+    knots, at = np.sort(np.append(own, 0.0)), strength(effect, sizes)
     place = np.clip(np.searchsorted(knots, at) - 1, 0, len(knots) - 2)
     share = (at - knots[place]) / (knots[place + 1] - knots[place])
     weights = np.zeros((len(at), len(knots)))
     weights[np.arange(len(at)), place] = 1 - share
     weights[np.arange(len(at)), place + 1] += share
-    if effect.vanishes_at_zero:
-        weights = np.delete(weights, int(np.flatnonzero(knots == 0.0)[0]), axis=1)
-    return weights
+    weights = np.delete(weights, int(np.flatnonzero(knots == 0.0)[0]), axis=1)
+    return np.asarray(weights[:, np.argsort(np.argsort(own))])
+
+
+def strength(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What a response is nearly in proportion to: the size, or the inverse of its square where that vanishes."""
+    return sizes if effect.vanishes_at_zero else np.asarray(1.0 / sizes**2)
 
 
 def response_forms(effect: Effect, sizes: NDArray[np.float64]) -> list[NDArray[np.float64]]:
@@ -135,7 +136,7 @@ def response_forms(effect: Effect, sizes: NDArray[np.float64]) -> list[NDArray[n
     found = [interpolation(effect, sizes)]
     if not effect.vanishes_at_zero:
         weakest = np.zeros_like(found[0])
-        weakest[:, int(np.argmax(own))] = (own.max() / sizes) ** 2
+        weakest[:, int(np.argmax(own))] = strength(effect, sizes) / strength(effect, own.max())
         return [*found, weakest]
     least = float(np.abs(own).min())
     for turn in (1.0, -1.0) if (own < 0).any() else (1.0,):

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from diagnosis.block import Block, PixelBlock
-from diagnosis.cause import NOT_EFFECTS, Cause, CausePrior, name_cause
+from diagnosis.cause import Cause, CausePrior, name_cause
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
+from diagnosis.groups import NOT_EFFECTS
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.subtract import as_seen, pixels_without, response_to, without
 

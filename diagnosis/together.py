@@ -9,11 +9,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.cause import NOT_EFFECTS, Cause, Pair
+from diagnosis.cause import Cause
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, FabricResult
 from diagnosis.fresh import FreshLook, Sized, bend, bent, in_nearest_folds, is_mechanical, with_effects
+from diagnosis.groups import NOT_EFFECTS
+from diagnosis.pairs import Pair
 from diagnosis.refinement import alike
 from diagnosis.responses import clean, sensed
 from diagnosis.sizes import nodes

@@ -21,4 +21,5 @@ EFFECT = Effect(
     source="J-shaped load-strain curves of woven fabrics, Wang et al. 2011.",
     change=change,
     vanishes_at_zero=False,
+    fine=True,
 )

@@ -12,7 +12,7 @@ import pytest
 
 from diagnosis import beside
 from diagnosis.base_state import picture_of
-from diagnosis.cause import Cause, Pair
+from diagnosis.cause import Cause
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
@@ -20,6 +20,7 @@ from diagnosis.evidence import Evidence
 from diagnosis.fabric_task import BASE_JITTER
 from diagnosis.features import measure
 from diagnosis.fresh import FreshLook, Sized, with_effects
+from diagnosis.pairs import Pair
 from diagnosis.reference import make_reference
 from diagnosis.responses import Responses, find_responses, responses_with
 from diagnosis.scene import SimulationScene

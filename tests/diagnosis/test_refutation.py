@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
 
-from diagnosis.cause import Cause, Pair
+from diagnosis.block import Block
+from diagnosis.cause import Cause
 from diagnosis.evidence import Evidence
+from diagnosis.pairs import Pair
 from diagnosis.refutation import NEEDED, WORSE, is_needless, is_refuted, judged
 from diagnosis.report import Shrinkage
-from diagnosis.shrinkage import Measured
+from diagnosis.shrinkage import Held, Measured
 
 
 def shrinkage(fraction: float, high: float, *, afresh: bool = True) -> Shrinkage:
@@ -25,20 +30,41 @@ def shrinkage(fraction: float, high: float, *, afresh: bool = True) -> Shrinkage
     )
 
 
+def held(fabric: str, before: float, after: float) -> Held:
+    """A block of a fabric: distances [mm] before and after; 0.1 mm between repeats."""
+    squares = np.tile(np.array([before, after, 0.1, before]) ** 2, (2, 1))
+    block = cast(Block, SimpleNamespace(fabric=fabric))
+    return Held(block, (), squares, np.zeros(7), np.zeros(7))
+
+
 @pytest.mark.parametrize("high", [0.2, 1.0])
 def test_an_effect_that_takes_held_out_simulations_away_is_refuted_however_few_fabrics_say_so(high: float) -> None:
     """Of few fabrics the interval is as wide as it can be; it says nothing either way."""
-    assert is_refuted(shrinkage(WORSE - 0.01, high))
+    assert is_refuted(Measured(shrinkage(WORSE - 0.01, high), ()))
+
+
+@pytest.mark.parametrize(
+    ("distances", "refuted"),
+    [
+        ([(1.0, 0.9), (0.3, 0.2), (0.4, 0.4), (0.8, 1.8)], False),  # the others come nearer
+        ([(1.0, 1.1), (0.3, 0.4), (0.4, 0.4), (0.8, 1.8)], True),  # or do not
+        ([(1.0, 0.9), (0.8, 1.8)], True),  # of two fabrics one may be right
+    ],
+)
+def test_one_fabric_of_several_refutes_nothing_alone(distances: list[tuple[float, float]], refuted: bool) -> None:
+    """Its folds with the effect on may have been missed."""
+    known = tuple(held(f"f{number}", *pair) for number, pair in enumerate(distances))
+    assert is_refuted(Measured(shrinkage(WORSE - 0.01, 0.2), known)) is refuted
 
 
 def test_an_effect_that_closes_nothing_is_not_refuted() -> None:
     """Folds that were not found leave a true effect with nothing closed; they seldom leave the simulation farther."""
-    assert not is_refuted(shrinkage(0.0, 0.3))
-    assert not is_refuted(shrinkage(WORSE + 0.01, 1.0))
+    assert not is_refuted(Measured(shrinkage(0.0, 0.3), ()))
+    assert not is_refuted(Measured(shrinkage(WORSE + 0.01, 1.0), ()))
 
 
 def test_known_responses_alone_refute_nothing() -> None:
-    assert not is_refuted(shrinkage(-1.0, 0.0, afresh=False))
+    assert not is_refuted(Measured(shrinkage(-1.0, 0.0, afresh=False), ()))
 
 
 def two_effects(unknown: float, first: str = "edge_flying_pixels") -> Cause:

@@ -11,7 +11,7 @@ import pytest
 
 from diagnosis import refinement
 from diagnosis.block import Block, PixelBlock, View
-from diagnosis.cause import Cause, is_said_again, name_cause
+from diagnosis.cause import Cause, name_cause
 from diagnosis.changes import rim_forms
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
@@ -23,6 +23,7 @@ from diagnosis.reference import CELLS, cell_centres
 from diagnosis.remainder import Mixture
 from diagnosis.sizes import node_weights, nodes
 from diagnosis.smooth_modes import smooth_modes
+from diagnosis.something_beside import is_said_again
 from diagnosis.subtract import responses_at_place, without
 
 EFFECTS = ("air_draft", "crease")
@@ -195,11 +196,12 @@ def test_a_mixture_that_says_what_an_effect_says_is_nothing_unknown(
     assert is_said_again(alone, left, gained) is again
 
 
+@pytest.mark.parametrize("alone", [60.0, 20.0])
 @pytest.mark.parametrize(("left_by_both", "unknown"), [(-5.0, False), (30.0, True)])
 def test_what_two_effects_say_together_is_nothing_unknown(
-    left_by_both: float, unknown: bool, monkeypatch: pytest.MonkeyPatch
+    alone: float, left_by_both: float, unknown: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A mixture that gains 60 nats, and 40 beside either effect, counts only if both together leave it much, too."""
+    """A mixture that gains much, and 40 nats beside either effect, counts only if both together leave it much, too."""
     size = {SCALAR: 1.0, **get_effect("crease").places[0]}
     blocks = []
     for block in fabrics(range(FABRICS), "air_draft"):
@@ -208,8 +210,9 @@ def test_what_two_effects_say_together_is_nothing_unknown(
         blocks.append(replace(block, stated=view, wide=view))
     of_one = {len(responses_at_place(blocks[0].stated.responses, name, size)) for name in EFFECTS}
 
-    def gain(self: Mixture, left: object, granted: Sequence[np.ndarray] | None = None) -> np.ndarray:
-        nats = 60.0 if granted is None else 40.0 if len(granted[0]) in of_one else left_by_both
+    def gain(self: Mixture, left: object, granted: Sequence[np.ndarray]) -> np.ndarray:
+        count = len(granted[0])
+        nats = alone if not count else 40.0 if count in of_one else left_by_both
         return np.full(len(self.families), nats)
 
     monkeypatch.setattr(Mixture, "gain", gain)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from capture.capture_set import CaptureSet
 from diagnosis import shrinkage
 from diagnosis.block import PixelBlock
-from diagnosis.cause import Cause, Pair
+from diagnosis.cause import Cause
 from diagnosis.diagnose import Diagnosis, make_blocks
 from diagnosis.evidence import Evidence
 from diagnosis.fabric_task import FabricResult
@@ -21,6 +21,7 @@ from diagnosis.folds import folds_of
 from diagnosis.html import render_html
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
+from diagnosis.pairs import Pair
 from diagnosis.shrinkage import Judge, Measured, hold_out, on_shapes, repeat_squares
 from diagnosis.shrinkage_report import complete
 from metric.render import DrapeRender

@@ -38,6 +38,13 @@ def test_a_linear_response_is_interpolated_and_continued_exactly() -> None:
     np.testing.assert_allclose(interpolation(effect, sizes) @ response, 2.0 * sizes, atol=1e-12)
 
 
+def test_an_effect_that_vanishes_as_it_grows_goes_with_the_inverse_of_its_square() -> None:
+    effect = get_effect("stretch_stiffening")
+    values = np.array(node_values(effect))
+    sizes = np.array([0.5 * values.min(), 0.6 * values.max(), 1.3 * values.max(), 10.0 * values.max()])
+    np.testing.assert_allclose(interpolation(effect, sizes) @ values**-2.0, sizes**-2.0, rtol=1e-12)
+
+
 @pytest.mark.parametrize("name", SCALARS)
 def test_prior_sums_to_one_and_prefers_the_stated_range(name: str) -> None:
     effect = get_effect(name)

@@ -10,16 +10,17 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from diagnosis import cause as cause_module
 from diagnosis import fresh, refinement, together
+from diagnosis import pairs as pairs_module
 from diagnosis.block import Block, PixelBlock, View
-from diagnosis.cause import Cause, Pair, name_cause
+from diagnosis.cause import Cause, name_cause
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.evidence import tabulate, tabulate_nothing
 from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook
 from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
+from diagnosis.pairs import Pair
 from diagnosis.responses import Responses
 from diagnosis.scene import SimulationScene
 from diagnosis.sizes import node_weights, nodes
@@ -199,7 +200,7 @@ def test_a_pair_is_simulated_again_only_where_its_sizes_moved_and_it_is_near(
 def test_a_second_effect_gains_more_than_what_a_strong_first_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
     blocks = blocks_of(SIZES)
     both = named(blocks)
-    monkeypatch.setattr(cause_module, "PICKED_UP", 5.0)
+    monkeypatch.setattr(pairs_module, "PICKED_UP", 5.0)
     one = named(blocks)  # nothing gains that much
     assert len(both.named) == 2 and both.pair_probability > 0.99
     assert len(one.named) < 2 and one.pair_probability < 0.01

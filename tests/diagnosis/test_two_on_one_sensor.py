@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from diagnosis import together
-from diagnosis.cause import Pair
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook
+from diagnosis.pairs import Pair
 from diagnosis.responses import Responses
 from diagnosis.sizes import nodes
 from tests.diagnosis.pair_parts import Capture, evidence

@@ -1,0 +1,104 @@
+"""Something outside the catalogue, alone or beside one of its effects, as what all fabrics share shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from diagnosis.block import Block, PixelBlock, whiten
+from diagnosis.effects import get_effect
+from diagnosis.evidence import Evidence
+from diagnosis.groups import NOT_EFFECTS
+from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown
+from diagnosis.pairs import FIRST_EFFECTS, Pair
+from diagnosis.remainder import Mixture
+from diagnosis.subtract import as_seen, pixels_without, responses_at_place, together, without
+
+Array = NDArray[np.float64]
+TOLERATED = 0.7
+"""Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
+SAID, UNSAID = 0.5, 0.35
+"""One effect, or two, that gain more than this share of what a mixture gains, and leave less than this, explain it."""
+
+
+def something_beside(
+    effects: Sequence[str],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    evidence: Mapping[str, Evidence],
+    shares: Mapping[str, float],
+    pairs: Sequence[Pair],
+) -> float:
+    """Log evidence of something outside the catalogue, alone (half of the cases) or beside one of the best effects.
+
+    It shows in a mixture of changes that is the same for all fabrics, in shared numbers that are off, or in both. What
+    a mixture gains alone is nothing unknown where one of the best effects, or two together, leave little of it.
+    """
+    mixture = Mixture.of(effects, blocks, model)
+    calm = np.zeros((1, len(pixels.measured)))
+
+    def shared(seen: PixelBlock) -> float:
+        return pixel_unknown(seen, model) - float(pixel_log_likelihood(seen, calm, model)[0])
+
+    def either(mixed: float, numbers: float) -> float:
+        return float(logsumexp([mixed, numbers, mixed + numbers], b=[0.5, 0.25, 0.25]))
+
+    grip = [
+        whiten(block.stated, np.reshape(np.zeros(0) if block.grip is None else block.grip, (len(block.owner), -1))).T
+        for block in blocks
+    ]
+
+    def left_by(sizes: Mapping[str, Mapping[str, float]]) -> Array:
+        """What mixtures still gain beside effects of some sizes, how these would change with their size granted."""
+        left, usable = list(blocks), [name for name in sizes if not get_effect(name).random_repeats]
+        if len(usable) == 2:
+            left = [together(block, *usable) for block in left]
+        simulated = left
+        for name in usable:
+            left = [without(block, name, sizes[name]) for block in left]
+        own = [
+            [responses_at_place(block.stated.responses, *as_seen(block, name, sizes[name])) for name in usable]
+            for block in simulated
+        ]
+        granted = [np.concatenate([hold, *rows]) for hold, rows in zip(grip, own, strict=True)]
+        return mixture.gain([block.stated.measured for block in left], granted)
+
+    alone, numbers = left_by({}), shared(pixels)
+    unexplained, nothing = mixture.evidence(alone), evidence["none"].log_evidence
+    tolerated = TOLERATED * max(0.0, float(alone.max()))
+    found, said = [], []
+    rest = sum(share for name, share in shares.items() if name not in NOT_EFFECTS)
+    usable = [name for name in effects if not get_effect(name).random_repeats]
+    left_by_two = [(pair, left_by(pair.sizes)) for pair in pairs]
+    for name in sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
+        size, own = evidence[name].size, evidence[name].log_evidence
+        left = left_by({name: size})
+        said.append((own - nothing, left))
+        beside = shared(pixels_without(pixels, name, size)) - TOLERATED * max(0.0, numbers)
+        unsaid = mixture.evidence(left, beside=tolerated)
+        for pair, still in left_by_two:
+            gained = pair.evidence.log_evidence - own
+            if name in (pair.first, pair.second) and is_said_again(float(left.max()), float(still.max()), gained):
+                unsaid = min(unsaid, gained + mixture.evidence(still, beside=tolerated))
+        found.append(own + either(unsaid, beside) + np.log(0.5 * shares[name] / rest))
+    said += [(pair.evidence.log_evidence - nothing, left) for pair, left in left_by_two]
+    for gained, left in said:
+        if is_said_again(float(alone.max()), float(left.max()), gained):
+            unexplained = min(unexplained, gained + mixture.evidence(left, beside=tolerated))
+    found.append(nothing + either(unexplained, numbers) + np.log(0.5))
+    return float(logsumexp(found))
+
+
+def is_said_again(alone: float, left: float, gained: float) -> bool:
+    """Whether a mixture says of a set what one effect, or two, say too: their responses are among what it is mixed of.
+
+    Args:
+        alone: what the mixture gains without them.
+        left: the same beside them.
+        gained: by them [all in nats, against nothing].
+    """
+    return alone > 0.0 and gained > SAID * alone and left < UNSAID * alone
