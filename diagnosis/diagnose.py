@@ -270,7 +270,7 @@ class _Conclusion:
 
 def _all_alike(noise: NoiseModel) -> NoiseModel:
     """Errors beside how magnets hold, which explanations are averaged over for all fabrics alike."""
-    return replace(noise, grip_share=noise.grip_own_share)
+    return replace(noise, grip_alike=True)
 
 
 def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:

@@ -30,7 +30,8 @@ class NoiseModel:
         held_m: how far the place at which a magnet holds the cloth differs from the simulated one (common).
         grip_share: share of the change between a magnet that holds a point and one that holds a patch (common to the
             repeats of a fabric).
-        grip_own_share: the same where what all fabrics share of it is looked for (:mod:`diagnosis.holds`).
+        grip_own_share: the same of ``stretch`` where ``grip_alike``.
+        grip_alike: what all fabrics share of it in ``stretch`` is looked for (:mod:`diagnosis.holds`).
         mesh_share: share of the change to a mesh of twice the cell that is the fine mesh's own error, uncertainty.
         mesh_most_m: root mean square of that change beyond which folds moved, which refinement does not explain.
         mesh_local: the same cell by cell, smooth.
@@ -56,6 +57,7 @@ class NoiseModel:
     held_m: float = 0.0003
     grip_share: float = 0.7
     grip_own_share: float = 0.03
+    grip_alike: bool = False
     mesh_share: float = 0.7
     mesh_most_m: float = 0.0015
     mesh_local: float = 0.7
@@ -80,7 +82,9 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
     sizes = [c.reference.count + 3 for c in captures]
     held = np.concatenate([c.responses.pins for c in captures], axis=1) * model.held_m
     mesh = np.concatenate([_mesh_error(c, model) for c in captures]) * model.mesh_share
-    grip = np.concatenate([c.responses.grip for c in captures]) * model.grip_share
+    alike = model.grip_alike and captures[0].scene == "stretch"
+    grip = np.concatenate([c.responses.grip for c in captures])
+    grip *= model.grip_own_share if alike else model.grip_share
     jacobian = np.vstack([stacked_jacobian(captures, sigma), held, mesh[None], grip[None]])
     total = jacobian.T @ jacobian
     starts = np.concatenate([[0], np.cumsum(sizes)])
