@@ -1,0 +1,56 @@
+"""What hangs on strains near the magnets is simulated on cells that hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis import responses
+from diagnosis.base_state import picture_of
+from diagnosis.drape_cache import DrapeCache
+from diagnosis.effect import SCALAR
+from diagnosis.effects import catalogue, get_effect
+from diagnosis.fabric_task import BASE_JITTER
+from diagnosis.reference import make_reference
+from diagnosis.responses import find_responses
+from diagnosis.scene import SimulationScene
+from diagnosis.simulator import Simulator
+from diagnosis.sizes import nodes
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+
+
+def test_stiffening_alone_is_simulated_on_fine_cells() -> None:
+    assert [name for name, effect in catalogue().items() if effect.fine] == ["stretch_stiffening"]
+
+
+def test_fine_responses_go_on_from_the_state_itself(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Of two effects one goes on from cells of 12.5 mm and one from cells of 25 mm."""
+    simulator = Simulator(DrapeCache(tmp_path_factory.mktemp("drapes")))
+    fabric, mesh = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2), GridMesh(0.0125)
+    scene = SimulationScene(Setup.nominal("stretch"))
+    state = simulator.put_up(mesh, fabric, scene, 0, BASE_JITTER)
+    picture = picture_of(state.drape, scene)
+    started: dict[str, set[int]] = {"stretch_stiffening": set(), "hem_weight": set()}
+    proceed = simulator.proceed
+
+    def seen(start: object, one: object, changed: SimulationScene) -> object:
+        for name in started:
+            if changed in [get_effect(name).apply(scene, size) for size in nodes(get_effect(name))]:
+                started[name].add(len(start.drape.vertices))  # type: ignore[attr-defined]
+        return proceed(start, one, changed)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(simulator, "proceed", seen)
+    monkeypatch.setattr(responses, "COARSE_TOO_FAR_M", 1.0)
+    reference = make_reference(state.drape, scene)
+    found = find_responses(simulator, fabric, scene, state, list(started), picture, reference)
+    fine = len(state.drape.vertices)
+    assert started["stretch_stiffening"] == {fine}
+    assert len(started["hem_weight"]) == 1 and max(started["hem_weight"]) < fine
+    rows = found.effects["stretch_stiffening"][0]
+    strengths = [size[SCALAR] ** -2.0 for size in nodes(get_effect("stretch_stiffening"))]
+    moved = np.sqrt(np.nanmean(rows**2, axis=1))
+    assert (np.argsort(moved) == np.argsort(strengths)).all()
