@@ -41,7 +41,7 @@ FIELDS = {
     "`change`": "the change itself, see below",
     "`places`, `where`": "may be left out: where or which way it acts, tried one after the other, as in `crease.py`, "
     "and what that means",
-    "`vector`, `random_repeats`, `holds`, `white`, `vague`, `twin`, `vanishes_at_zero`": "may be left out: "
+    "`vector`, `random_repeats`, `holds`, `white`, `vague`, `twin`, `vanishes_at_zero`, `fine`": "may be left out: "
     "`diagnosis/effect.py` says which effects need them",
 }
 
