@@ -57,7 +57,8 @@ class Block:
         pins: change for each pin moved along x and y [m/m], [2 pins, n].
         warps: change for each linear warp of the picture, forward, then backward [m], [8, n].
         density: of the fabric [kg/m2]; NaN where it does not matter.
-        grip: change from what the stated magnets hold to a point, or from a point to a patch [m], [n]; None: unknown.
+        grip: change from what the stated magnets hold to a point, or from a point to a patch [m], [n]; None
+            where it is granted to each fabric as an error.
     """
 
     fabric: str
@@ -121,7 +122,7 @@ def make_block(
         np.concatenate([c.responses.pins for c in captures], axis=1)[:, seen],
         np.concatenate([c.warps for c in captures], axis=1)[:, seen],
         density,
-        np.concatenate([c.responses.grip for c in captures])[seen],
+        np.concatenate([c.responses.grip for c in captures])[seen] if model.grip_alike else None,
     )
 
 

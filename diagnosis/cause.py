@@ -17,7 +17,7 @@ from diagnosis.groups import NOT_EFFECTS
 from diagnosis.holds import held, holds_of, log_weights, over_holds, tried_with_two
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.one_fabric import by_more_than_one
-from diagnosis.pairs import Held, Pair, beyond_the_first, weigh_pairs
+from diagnosis.pairs import AsHeld, Pair, beyond_the_first, weigh_pairs
 from diagnosis.something_beside import something_beside
 from diagnosis.unknown import tabulate_unknown
 
@@ -162,7 +162,7 @@ def name_cause(
         chances = [
             [t.weigh(blocks, reference, model).log_evidence + np.log(shares[t.name]) for t in own] for own in by_hold
         ]
-        ways = [Held(as_held[n], by_hold[n], float(weights[n])) for n in tried_with_two(chances, weights)]
+        ways = [AsHeld(as_held[n], by_hold[n], float(weights[n])) for n in tried_with_two(chances, weights)]
         tried = weigh_pairs(effects, blocks, pixels, model, ways, peaks, evidence)
     found = [p for p in tried if p.evidence.log_evidence > evidence[p.first].log_evidence + SECOND_NATS]
     if pairs and len({block.fabric for block in blocks}) > 1:

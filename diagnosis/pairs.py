@@ -43,7 +43,7 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Held:
+class AsHeld:
     """All explanations by one with magnets that hold in one way.
 
     Attributes:
@@ -62,7 +62,7 @@ def weigh_pairs(
     blocks: Sequence[Block],
     pixels: PixelBlock,
     model: LikelihoodModel,
-    ways: Sequence[Held],
+    ways: Sequence[AsHeld],
     peaks: Sequence[float],
     evidence: Mapping[str, Evidence],
 ) -> list[Pair]:
@@ -80,7 +80,13 @@ def weigh_pairs(
     under_peaks = {
         same[0].name: over_holds(same, weights).weigh(blocks, peaks, model) for same in zip(*plain, strict=True)
     }
-    both = [_pairs(effects, way.blocks, pixels, model, under_peaks, way.tables[0]) for way in ways]
+    able = [name for name in effects if not get_effect(name).holds]
+    usable = [name for name in able if not get_effect(name).random_repeats]
+    first_names = sorted(usable, key=lambda name: -under_peaks[name].log_evidence)[:FIRST_EFFECTS]
+    both = []
+    for way, tables in zip(ways, plain, strict=True):
+        alone = {table.name: table.weigh(blocks, peaks, model) for table in tables if table.name in first_names}
+        both.append(_pairs(first_names, able, way.blocks, pixels, model, alone, way.tables[0]))
     found = []
     for same in zip(*both, strict=True):
         each = [table.weigh(blocks, peaks, model) for _, _, table in same]
@@ -103,6 +109,7 @@ def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence]) -> Pair:
 
 
 def _pairs(
+    first_names: Sequence[str],
     effects: Sequence[str],
     blocks: Sequence[Block],
     pixels: PixelBlock,
@@ -110,10 +117,10 @@ def _pairs(
     evidence: Mapping[str, Evidence],
     nothing: Table,
 ) -> list[tuple[str, dict[str, Mapping[str, float]], Table]]:
-    """Each of the best effects with every other, the first at its best size given the second; no pair twice."""
-    effects = [name for name in effects if not get_effect(name).holds]
-    usable = [name for name in effects if not get_effect(name).random_repeats]
-    first_names = sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]
+    """Each of the best effects with every other, the first at its best size given the second; no pair twice.
+
+    ``evidence`` of the first ones is that with the same magnets: what their size costs, and not how probable these are.
+    """
     found, seen = [], set()
     for first in first_names:
         size: Mapping[str, float] = evidence[first].size

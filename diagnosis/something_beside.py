@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,26 +48,7 @@ def something_beside(
     def either(mixed: float, numbers: float) -> float:
         return float(logsumexp([mixed, numbers, mixed + numbers], b=[0.5, 0.25, 0.25]))
 
-    grip = [
-        whiten(block.stated, np.reshape(np.zeros(0) if block.grip is None else block.grip, (len(block.owner), -1))).T
-        for block in blocks
-    ]
-
-    def left_by(sizes: Mapping[str, Mapping[str, float]]) -> Array:
-        """What mixtures still gain beside effects of some sizes, how these would change with their size granted."""
-        left, usable = list(blocks), [name for name in sizes if not get_effect(name).random_repeats]
-        if len(usable) == 2:
-            left = [together(block, *usable) for block in left]
-        simulated = left
-        for name in usable:
-            left = [without(block, name, sizes[name]) for block in left]
-        own = [
-            [responses_at_place(block.stated.responses, *as_seen(block, name, sizes[name])) for name in usable]
-            for block in simulated
-        ]
-        granted = [np.concatenate([hold, *rows]) for hold, rows in zip(grip, own, strict=True)]
-        return mixture.gain([block.stated.measured for block in left], granted)
-
+    left_by = partial(_left_by, mixture, blocks)
     alone, numbers = left_by({}), shared(pixels)
     unexplained, nothing = mixture.evidence(alone), evidence["none"].log_evidence
     tolerated = TOLERATED * max(0.0, float(alone.max()))
@@ -91,6 +73,25 @@ def something_beside(
             unexplained = min(unexplained, gained + mixture.evidence(left, beside=tolerated))
     found.append(nothing + either(unexplained, numbers) + np.log(0.5))
     return float(logsumexp(found))
+
+
+def _left_by(mixture: Mixture, blocks: Sequence[Block], sizes: Mapping[str, Mapping[str, float]]) -> Array:
+    """What mixtures still gain beside effects of some sizes, by family.
+
+    How these would change with their size counts for nothing, nor does how magnets hold.
+    """
+    left, usable = list(blocks), [name for name in sizes if not get_effect(name).random_repeats]
+    if len(usable) == 2:
+        left = [together(block, *usable) for block in left]
+    simulated = left
+    for name in usable:
+        left = [without(block, name, sizes[name]) for block in left]
+    granted = []
+    for block in simulated:
+        hold = np.zeros((0, len(block.owner))) if block.grip is None else whiten(block.stated, block.grip[:, None]).T
+        own = [responses_at_place(block.stated.responses, *as_seen(block, name, sizes[name])) for name in usable]
+        granted.append(np.concatenate([hold, *own]))
+    return mixture.gain([block.stated.measured for block in left], granted)
 
 
 def is_said_again(alone: float, left: float, gained: float) -> bool:

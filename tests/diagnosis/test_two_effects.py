@@ -127,6 +127,16 @@ def test_a_weak_effect_beside_a_strong_one_is_named() -> None:
     assert set(named(blocks_of(SIZES)).named) == set(SIZES)
 
 
+def test_two_effects_gain_as_much_where_magnets_hold_as_stated() -> None:
+    """How probable the stated magnets are counts once, for one effect as for two."""
+    gained = []
+    for grip in (None, 1e-12 * np.ones(COUNT)):
+        cause = named([replace(block, grip=grip) for block in blocks_of(SIZES)])
+        assert cause.pair is not None
+        gained.append(cause.pair.evidence.log_evidence - cause.evidence[cause.pair.first].log_evidence)
+    assert gained[1] == pytest.approx(gained[0], abs=1e-6)
+
+
 def test_both_are_named_where_they_were_simulated_together() -> None:
     blocks = blocks_of(SIZES, joint=1.0)
     alone = [replace(b, stated=replace(b.stated, beside={}), wide=replace(b.wide, beside={})) for b in blocks]
