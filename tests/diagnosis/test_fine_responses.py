@@ -14,7 +14,7 @@ from diagnosis.fabric_task import BASE_JITTER
 from diagnosis.reference import make_reference
 from diagnosis.responses import find_responses
 from diagnosis.scene import SimulationScene
-from diagnosis.simulator import Simulator
+from diagnosis.simulator import KeyedDrape, Simulator
 from diagnosis.sizes import nodes
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -37,11 +37,11 @@ def test_fine_responses_go_on_from_the_state_itself(
     started: dict[str, set[int]] = {"stretch_stiffening": set(), "hem_weight": set()}
     proceed = simulator.proceed
 
-    def seen(start: object, one: object, changed: SimulationScene) -> object:
+    def seen(start: KeyedDrape, one: FabricParameters, changed: SimulationScene) -> KeyedDrape:
         for name in started:
             if changed in [get_effect(name).apply(scene, size) for size in nodes(get_effect(name))]:
-                started[name].add(len(start.drape.vertices))  # type: ignore[attr-defined]
-        return proceed(start, one, changed)  # type: ignore[arg-type]
+                started[name].add(len(start.drape.vertices))
+        return proceed(start, one, changed)
 
     monkeypatch.setattr(simulator, "proceed", seen)
     monkeypatch.setattr(responses, "COARSE_TOO_FAR_M", 1.0)
