@@ -154,7 +154,7 @@ def tabulate(
     if seen is None:
         seen = [float(still.max()) for still in tabulate_nothing(blocks, pixels, model).blocks]
     own = zip(blocks, table.blocks, seen, strict=True)
-    return replace(table, blocks=tuple(_or_unmoved(b.scene, value, still, model) for b, value, still in own))
+    return replace(table, blocks=tuple(or_unmoved(b.scene, value, still, model) for b, value, still in own))
 
 
 def _tabulate_one(
@@ -167,7 +167,7 @@ def _tabulate_one(
     return _tabulate_scalar(effect, blocks, pixels, model, as_simulated or not effect.moves_cloth)
 
 
-def _or_unmoved(scene: str, value: Array, still: float, model: LikelihoodModel) -> Array:
+def or_unmoved(scene: str, value: Array, still: Array | float, model: LikelihoodModel) -> Array:
     """Of a block whose folds may be those seen without the effect although the continued simulation left them."""
     moved = model.moved(scene)
     return value if moved == 0.0 else np.asarray(np.logaddexp(np.log1p(-moved) + value, np.log(moved) + still))

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 
 from diagnosis.block import Block, PixelBlock
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence, Table, tabulate, tabulate_nothing
+from diagnosis.evidence import Evidence, Table, or_unmoved, tabulate, tabulate_nothing
 from diagnosis.groups import group_of
 from diagnosis.holds import over_holds
 from diagnosis.likelihood import LikelihoodModel
@@ -175,4 +175,22 @@ def _given(
     seen = [float(still.max()) for still in tabulate_nothing(left, pixels, model).blocks]
     if get_effect(other).moves_cloth:  # its response may have left the folds that are seen, too
         seen = [max(own, float(still.max())) for own, still in zip(seen, nothing.blocks, strict=True)]
-    return tabulate(get_effect(name), left, pixels_without(pixels, other, size), model, seen, as_simulated=True)
+    table = tabulate(get_effect(name), left, pixels_without(pixels, other, size), model, seen, as_simulated=True)
+    if get_effect(name).moves_cloth or not get_effect(other).moves_cloth:
+        return table
+    return _or_without_the_other(table, blocks, pixels, model)
+
+
+def _or_without_the_other(table: Table, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """Of an effect that moves no cloth beside one that does: in blocks whose folds may be those seen without the latter
+    although the continued simulation left them, the first alone is what is seen.
+    """
+    able = [n for n, block in enumerate(blocks) if model.moved(block.scene) > 0.0]
+    effect, values = get_effect(table.name), list(table.blocks)
+    if effect.vector:  # one size
+        alone = tabulate_nothing([without(blocks[n], effect.name, table.sizes[0]) for n in able], pixels, model)
+    else:
+        alone = tabulate(effect, [blocks[n] for n in able], pixels, model, as_simulated=True)
+    for n, still in zip(able, alone.blocks, strict=True):
+        values[n] = or_unmoved(blocks[n].scene, values[n], still, model)
+    return replace(table, blocks=tuple(values))
