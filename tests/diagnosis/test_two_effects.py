@@ -137,6 +137,27 @@ def test_two_effects_gain_as_much_where_magnets_hold_as_stated() -> None:
     assert gained[1] == pytest.approx(gained[0], abs=1e-6)
 
 
+@pytest.mark.parametrize("scene", ["hanging", "stretch"])
+def test_what_shows_in_pixels_gains_as_much_beside_an_effect_on_the_cloth(scene: str) -> None:
+    """In ``hanging`` the cloth may rest in the folds that are seen without the latter, for two effects as for one."""
+    names, pixel_name = ("air_draft", "edge_flying_pixels"), "edge_flying_pixels"
+    blocks = blocks_of({"air_draft": DRAFT})
+    count = len(nodes(get_effect(pixel_name)))
+    still = {pixel_name: np.zeros((count, COUNT))}
+    rows = [replace(b.stated, responses=b.stated.responses | still) for b in blocks]
+    blocks = [replace(b, stated=row, wide=row) for b, row in zip(blocks, rows, strict=True)]
+    where = [replace(b, scene="hanging") for b in blocks]
+    unmoved = [replace(b.stated, measured=np.random.default_rng(n).standard_normal(COUNT)) for n, b in enumerate(where)]
+    calm = [replace(b, stated=own, wide=own) for b, own in zip(where, unmoved, strict=True)]
+    shown = {"air_draft": np.zeros((len(nodes(get_effect("air_draft"))), 1)), pixel_name: np.full((count, 1), 6.0)}
+    pixels = PixelBlock(np.full(1, 6.0), shown, sensor_known=True)
+    cause = name_cause(names, blocks + (calm if scene == "hanging" else []), pixels)
+    assert cause.pair is not None and cause.pair.first == "air_draft"
+    alone = cause.evidence[pixel_name].log_evidence - cause.evidence["none"].log_evidence
+    assert alone > 3.0
+    assert cause.pair.evidence.log_evidence - cause.evidence["air_draft"].log_evidence == pytest.approx(alone, abs=0.3)
+
+
 def test_both_are_named_where_they_were_simulated_together() -> None:
     blocks = blocks_of(SIZES, joint=1.0)
     alone = [replace(b, stated=replace(b.stated, beside={}), wide=replace(b.wide, beside={})) for b in blocks]
