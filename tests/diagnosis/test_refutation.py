@@ -13,7 +13,7 @@ from diagnosis.block import Block
 from diagnosis.cause import Cause
 from diagnosis.evidence import Evidence
 from diagnosis.pairs import Pair
-from diagnosis.refutation import NEEDED, WORSE, is_needless, is_refuted, judged
+from diagnosis.refutation import NEEDED, WORSE, is_needless, is_refuted, is_unshown, judged
 from diagnosis.report import Shrinkage
 from diagnosis.shrinkage import Held, Measured
 
@@ -141,6 +141,32 @@ def test_of_two_effects_on_the_cloth_the_needless_one_goes(
     assert cause.named == named
     assert measured is not None
     assert measured.shrinkage.after == 1.44  # the report's own, names sought again
+
+
+SOFT = [(0.83, 0.82), (1.4, 1.27), (1.56, 0.99), (1.2, 1.13)]
+"""Of another simulator's set with noise of the sensor alone: stiffer than stated, as one soft fabric has it."""
+
+
+@pytest.mark.parametrize(
+    ("distances", "unshown"),
+    [
+        (SOFT, True),
+        ([SOFT[0], (1.4, 0.9), *SOFT[2:]], False),  # a second fabric shows it
+        (SOFT[:2], True),  # of two fabrics both are heard
+        (SOFT[1:3], False),
+    ],
+)
+def test_a_second_effect_on_the_cloth_beside_one_on_the_sensor_shows_in_two_fabrics(
+    distances: list[tuple[float, float]], unshown: bool
+) -> None:
+    known = tuple(held(f"f{number}", *pair) for number, pair in enumerate(distances))
+    measured = Measured(shrinkage(0.2, 1.0), known)
+    cause = two_effects(unknown=0.02)
+    assert is_unshown(cause, measured) is unshown
+    assert not is_unshown(cause, Measured(shrinkage(0.2, 1.0, afresh=False), known))
+    assert not is_unshown(two_effects(unknown=0.02, first="pin_spacing"), measured)
+    kept, _ = judged(cause, lambda of, known=False: measured)
+    assert len(kept.named) == (1 if unshown else 2)
 
 
 def test_of_two_refuted_effects_the_one_that_stays_has_a_shrinkage_of_its_own() -> None:
