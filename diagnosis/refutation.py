@@ -21,7 +21,7 @@ NEEDED = 0.9
 """A second effect leaves less than this share of what the first alone leaves, or it is not needed."""
 SHOWN = 0.15
 """A second effect on the cloth beside one on camera or sensor closes more than this share of the gap, the fabric that
-speaks most for it left out: 0.09 of one that was not there, 0.8 and more of four true ones."""
+speaks most for it left out: 0.09 of one that was not there, 0.95 and more of four true ones."""
 
 
 class Measure(Protocol):
