@@ -185,12 +185,10 @@ def _or_without_the_other(table: Table, blocks: Sequence[Block], pixels: PixelBl
     """Of an effect that moves no cloth beside one that does: in blocks whose folds may be those seen without the latter
     although the continued simulation left them, the first alone is what is seen.
     """
-    able = [n for n, block in enumerate(blocks) if model.moved(block.scene) > 0.0]
-    effect, values = get_effect(table.name), list(table.blocks)
+    effect = get_effect(table.name)
     if effect.vector:  # one size
-        alone = tabulate_nothing([without(blocks[n], effect.name, table.sizes[0]) for n in able], pixels, model)
-    else:
-        alone = tabulate(effect, [blocks[n] for n in able], pixels, model, as_simulated=True)
-    for n, still in zip(able, alone.blocks, strict=True):
-        values[n] = or_unmoved(blocks[n].scene, values[n], still, model)
-    return replace(table, blocks=tuple(values))
+        alone = tabulate_nothing([without(block, effect.name, table.sizes[0]) for block in blocks], pixels, model)
+    else:  # of all scenes: what scatter counts for in one depends on whether there is another
+        alone = tabulate(effect, blocks, pixels, model, as_simulated=True)
+    same = zip(blocks, table.blocks, alone.blocks, strict=True)
+    return replace(table, blocks=tuple(or_unmoved(b.scene, value, still, model) for b, value, still in same))

@@ -158,6 +158,24 @@ def test_what_shows_in_pixels_gains_as_much_beside_an_effect_on_the_cloth(scene:
     assert cause.pair.evidence.log_evidence - cause.evidence["air_draft"].log_evidence == pytest.approx(alone, abs=0.3)
 
 
+def test_scatter_in_hanging_is_no_hysteresis_beside_an_effect_on_the_cloth() -> None:
+    """Which folds fell there looks like scatter: in a set with ``stretch`` it counts for nothing, beside one as alone."""
+    rng = np.random.default_rng(11)
+    names, name = ("air_draft", "bending_hysteresis"), "bending_hysteresis"
+    draws = rng.standard_normal((8, COUNT))
+    stretch = [replace(b.stated, scatter={name: draws}) for b in blocks_of({"air_draft": DRAFT})]
+    fallen = [3.0 * rng.standard_normal(8) @ draws + rng.standard_normal(COUNT) for _ in stretch]
+    hanging = [replace(v, measured=measured) for v, measured in zip(stretch, fallen, strict=True)]
+    parts = blocks_of({"air_draft": DRAFT})
+    blocks = [replace(b, stated=v, wide=v) for b, v in zip(parts, stretch, strict=True)]
+    blocks += [replace(b, stated=v, wide=v, scene="hanging") for b, v in zip(parts, hanging, strict=True)]
+    still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in names}
+    cause = name_cause(names, blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
+    gained = [p.evidence.log_evidence - cause.evidence[p.first].log_evidence for p in cause.tried if p.second == name]
+    assert cause.named == ("air_draft",)
+    assert len(gained) == 1 and gained[0] < 0.0
+
+
 def test_both_are_named_where_they_were_simulated_together() -> None:
     blocks = blocks_of(SIZES, joint=1.0)
     alone = [replace(b, stated=replace(b.stated, beside={}), wide=replace(b.wide, beside={})) for b in blocks]
