@@ -78,12 +78,12 @@ def is_unshown(cause: Cause, measured: Measured) -> bool:
     if not is_mechanical(get_effect(cause.pair.second)) or not measured.shrinkage.simulated_afresh or not measured.held:
         return False
     fabrics = _against(measured)
-    least = min(fabrics, key=lambda fabric: fabrics[fabric]) if len(fabrics) > 2 else ""
+    least = min(fabrics, key=lambda fabric: fabrics[fabric]) if len(fabrics) > 2 else None
     return fraction_of(_others(measured, least)) < SHOWN
 
 
 def _against(measured: Measured) -> dict[str, float]:
-    """Of each fabric, how much farther the simulations are with what was found than without, in squares."""
+    """Of each fabric, how much farther the simulations are with what was found than without, in squares [m²]."""
     found: dict[str, float] = {}
     for held in measured.held:
         before, after = held.squares[-1][:2]
@@ -91,8 +91,8 @@ def _against(measured: Measured) -> dict[str, float]:
     return found
 
 
-def _others(measured: Measured, fabric: str) -> Array:
-    """Squares of all blocks but a fabric's, [blocks, 4]."""
+def _others(measured: Measured, fabric: str | None) -> Array:
+    """Squares of all blocks but a fabric's (None: of all) [m²], [blocks, 4]."""
     return np.stack([held.squares[-1] for held in measured.held if held.block.fabric != fabric])
 
 
