@@ -159,7 +159,7 @@ def test_what_shows_in_pixels_gains_as_much_beside_an_effect_on_the_cloth(scene:
 
 
 def test_scatter_in_hanging_is_no_hysteresis_beside_an_effect_on_the_cloth() -> None:
-    """Which folds fell there looks like scatter: beside ``stretch`` it counts for nothing, for two effects as for one."""
+    """Folds that fell there look like scatter: beside ``stretch`` that counts for nothing, of two effects as of one."""
     rng = np.random.default_rng(11)
     names, name = ("air_draft", "bending_hysteresis"), "bending_hysteresis"
     draws = rng.standard_normal((8, COUNT))
