@@ -24,6 +24,7 @@ from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.isolability import not_separable
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
+from diagnosis.once import once
 from diagnosis.preparation import prepare_tasks
 from diagnosis.refinement import look_again
 from diagnosis.refutation import judged
@@ -193,21 +194,20 @@ class _Conclusion:
     ) -> Diagnosis:
         """The whole report; ``spent``: what was simulated for it with magnets that turned out to hold otherwise."""
         noise = replace(self.noise, pin_m=pin_scatter([c for r in results for c in r.captures], self.noise))
+        name = once(partial(self.name, noise=noise))
         if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
             looks = look_again(looks, partial(self.weigh, noise=noise), scene, self.workers)
-            likely = self.name([look.result for look in looks.values()], noise)
+            likely = name([look.result for look in looks.values()])
             held = judge_grip(looks, likely, self.workers) if spent is None else None
             if held is not None and held.otherwise:
                 return self._held_otherwise(held, looks, assumed, began, lpips)
             looks = look_beside(looks, likely, scene, self.workers)
-            looks = look_together(looks, partial(self.name, noise=noise), scene, self.workers)
+            looks = look_together(looks, name, scene, self.workers)
             results = [look.result for look in looks.values()]
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
         close = _all_alike(noise)
-        weighed = make_blocks(results, close)
-        cause = name_cause(self.effects, weighed, pixels, self.model)
-
+        weighed, cause = make_blocks(results, close), name(results)
         folds = [
             replace(fold, rest=own.rest)
             for fold, own in zip(folds_of(results, blocks, noise), folds_of(results, weighed, close), strict=True)

@@ -183,8 +183,7 @@ def tabulate_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: Likelih
 
 
 def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:
-    still = np.zeros((1, len(view.measured)))
-    return view_log_likelihood(view, view.measured[None], still, scene, model)
+    return view_log_likelihood(view, np.zeros((0, len(view.measured))), np.zeros((1, 0)), scene, model)
 
 
 def _tabulate_scalar(
@@ -193,24 +192,18 @@ def _tabulate_scalar(
     """On a grid of sizes and over the effect's places; each block's response is of one of several forms."""
     sizes = grid(effect)
     weights = [interpolation(effect, sizes)] if as_simulated else response_forms(effect, sizes)
-    count, places = weights[0].shape[1], len(effect.places)
-    slices = [slice(number * count, (number + 1) * count) for number in range(places)]
+    places = len(effect.places)
+    own = [np.asarray(np.kron(np.eye(places), form)) for form in weights]
     values = []
     for block in blocks:
-        found = []
-        for name, form in (
-            *((effect.name, form) for form in weights),
-            *_twin_forms(effect, sizes, block, as_simulated),
-        ):
-            rows = []
-            for view in block.views:
-                known = view.responses[name]
-                own = slices if name == effect.name else [slice(None)] * places
-                response = np.concatenate([form @ known[part] for part in own])
-                rows.append(view_log_likelihood(view, view.measured - response, response, block.scene, model))
-            found.append(over_views(np.stack(rows), model))
-        values.append(np.asarray(logsumexp(found, axis=0) - np.log(len(found))))
-    seen = np.concatenate([weights[0] @ pixels.responses[effect.name][own] for own in slices])
+        found: list[Array] = []
+        known = [(effect.name, own), *_twin_forms(effect, sizes, block, as_simulated)]
+        for name, forms in known:
+            every = np.concatenate(forms)
+            rows = [view_log_likelihood(v, v.responses[name], every, block.scene, model) for v in block.views]
+            found += list(over_views(np.stack(rows), model).reshape(len(forms), -1))
+        values.append(np.asarray(np.logaddexp.reduce(found, axis=0) - np.log(len(found))))
+    seen = own[0] @ pixels.responses[effect.name]
     return Table(
         effect.name,
         tuple(values),
@@ -220,7 +213,7 @@ def _tabulate_scalar(
     )
 
 
-def _twin_forms(effect: Effect, sizes: Array, block: Block, as_simulated: bool) -> list[tuple[str, Array]]:
+def _twin_forms(effect: Effect, sizes: Array, block: Block, as_simulated: bool) -> list[tuple[str, list[Array]]]:
     """Forms of the response to an effect's twin at the sizes that do the same to this fabric: which of the two was
     simulated in the folds that are seen is chance, how their sizes go with the density is not.
     """
@@ -229,7 +222,7 @@ def _twin_forms(effect: Effect, sizes: Array, block: Block, as_simulated: bool) 
         return []
     other, alike = get_effect(twin.name), twin.size(sizes, block.density)
     forms = [interpolation(other, alike)] if as_simulated else response_forms(other, alike)
-    return [(twin.name, form) for form in forms]
+    return [(twin.name, forms)]
 
 
 def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
@@ -277,9 +270,9 @@ def widened(view: View, directions: Array, factors: Array, scene: str, model: Li
     Along what was taken away from it, that response's own uncertainty is all there is.
     """
     measured, count = view.measured, len(view.measured)
-    taken = np.reshape(view.taken, (1, -1, count))
-    known = Lengths.of(measured[None], taken, model)
-    along = np.linalg.qr(taken[0].T)[0]
+    taken = np.reshape(view.taken, (-1, count))
+    known = Lengths.of((taken @ taken.T)[None], (taken @ measured)[None], count, model)
+    along = np.linalg.qr(taken.T)[0]
     scale = float(np.sqrt(known.grown[0]))
     beside = (measured - along @ (along.T @ measured)) / scale
     _, spread, basis = np.linalg.svd((directions - (directions @ along) @ along.T) / scale, full_matrices=False)
@@ -329,10 +322,8 @@ def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
         weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
         values = []
         for block in blocks:
-            rows = []
-            for view in block.views:
-                response = (weights @ view.responses[effect.name])[None]
-                rows.append(view_log_likelihood(view, view.measured - response, response, block.scene, model))
+            views, scene = block.views, block.scene
+            rows = [view_log_likelihood(v, v.responses[effect.name], weights[None], scene, model) for v in views]
             values.append(over_views(np.stack(rows), model))
         seen = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
         occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)

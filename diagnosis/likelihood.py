@@ -96,26 +96,33 @@ def log_student(square: Array | float, dimension: float, degrees: float) -> Arra
     )
 
 
-def view_log_likelihood(view: View, residual: Array, response: Array, scene: str, model: LikelihoodModel) -> Array:
-    """Of one block under one covariance for many sizes at once.
+def view_log_likelihood(view: View, rows: Array, weights: Array, scene: str, model: LikelihoodModel) -> Array:
+    """Of one block under one covariance with responses of many sizes taken away.
 
     The response t is uncertain in its length and in its form: covariance I + share² t tᵀ (by Woodbury), and all errors
-    grow with the response's mean square. What was taken away from the block before is uncertain in the same way.
+    grow with the response's mean square. What was taken away from the block before is uncertain in the same way. Only
+    products of what is known of the block are needed, however many sizes there are.
 
     Args:
-        view: of the block.
-        residual: measured minus response, whitened, [sizes, n].
-        response: whitened, [sizes, n].
+        view: of the block, n measurements.
+        rows: whitened responses that are known, [k, n].
+        weights: which of these make the response to each size, [sizes, k].
         scene: of the block.
         model: see there.
 
     Returns:
         [sizes].
     """
-    taken = [np.broadcast_to(row, response.shape) for row in view.taken]
-    lengths = Lengths.of(residual, np.stack([response, *taken], axis=1), model)
-    dimension = residual.shape[1] * model.dimension_share
-    square = (np.einsum("gn,gn->g", residual, residual) / lengths.grown - lengths.along) * model.dimension_share
+    count, known = len(view.measured), np.concatenate([rows, *(row[None] for row in view.taken)])
+    made = np.zeros((len(weights), 1 + len(view.taken), len(known)))
+    made[:, 0, : len(rows)] = weights
+    made[:, 1:, len(rows) :] = np.eye(len(view.taken))
+    seen = made @ (known @ view.measured)
+    gram = made @ (known @ known.T) @ made.transpose(0, 2, 1)
+    lengths = Lengths.of(gram, seen - gram[:, :, 0], count, model)
+    left = np.maximum(float(view.measured @ view.measured) - 2.0 * seen[:, 0] + gram[:, 0, 0], 0.0)
+    dimension = count * model.dimension_share
+    square = (left / lengths.grown - lengths.along) * model.dimension_share
     spread = lengths.spent + 0.5 * dimension * np.log(lengths.grown) + model.dimension_share * view.log_det
     return np.asarray(model.log_density(square + lengths.square, dimension, scene) - spread)
 
@@ -137,22 +144,17 @@ class Lengths:
     spent: Array
 
     @classmethod
-    def of(cls, residual: Array, responses: Array, model: LikelihoodModel) -> Lengths:
-        """Of residuals [g, n] beside responses [g, k, n], both whitened."""
-        gram = np.einsum("gkn,gln->gkl", responses, responses)
-        grown = 1.0 + model.form_share**2 * np.trace(gram, axis1=1, axis2=2) / residual.shape[1]
-        gram = gram / grown[:, None, None]
-        cross = np.einsum("gkn,gn->gk", responses, residual) / grown[:, None]
-        unit = np.eye(responses.shape[1])
-        least = 1e-10 * np.trace(gram, axis1=1, axis2=2) + 1e-12
-        along = np.einsum("gk,gk->g", cross, _solved(gram + least[:, None, None] * unit, cross))
-        told = np.einsum("gk,gk->g", cross, _solved(gram + unit / model.template_share**2, cross))
-        spent = 0.5 * np.linalg.slogdet(unit + model.template_share**2 * gram)[1]
-        return cls(grown, along, along - told, np.asarray(spent))
-
-
-def _solved(matrices: Array, columns: Array) -> Array:
-    return np.asarray(np.linalg.solve(matrices, columns[..., None])[..., 0])
+    def of(cls, gram: Array, cross: Array, count: int, model: LikelihoodModel) -> Lengths:
+        """Of products of whitened responses with one another, [g, k, k], and with the residuals, [g, k], all of
+        ``count`` measurements."""
+        grown = 1.0 + model.form_share**2 * np.trace(gram, axis1=1, axis2=2) / count
+        own, basis = np.linalg.eigh(gram / grown[:, None, None])
+        own, parts = np.maximum(own, 0.0), (cross[:, None] @ basis)[:, 0] ** 2 / grown[:, None] ** 2
+        least = 1e-10 * own.sum(axis=1, keepdims=True) + 1e-12
+        along = (parts / (own + least)).sum(axis=1)
+        told = (parts / (own + model.template_share**-2)).sum(axis=1)
+        spent = 0.5 * np.log1p(model.template_share**2 * own).sum(axis=1)
+        return cls(grown, along, along - told, spent)
 
 
 def over_views(value: Array, model: LikelihoodModel) -> Array:

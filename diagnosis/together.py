@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from diagnosis.cause import Cause
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
-from diagnosis.fabric_task import CaptureResult, FabricResult
+from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook, Sized, bend, bent, in_nearest_folds, is_mechanical, with_effects
 from diagnosis.groups import NOT_EFFECTS
+from diagnosis.once import Weigh
 from diagnosis.pairs import Pair
 from diagnosis.refinement import alike
 from diagnosis.responses import clean, sensed
@@ -28,8 +29,6 @@ CANDIDATES = 2
 """So many pairs are solved in a round, and so many rendered."""
 SOLVED_NATS, LATER_NATS, RENDERED_NATS = 6.0, 2.0, 12.0
 """A pair whose log evidence is further behind is not solved, not solved after the first round, or not rendered."""
-Weigh = Callable[[Sequence[FabricResult]], Cause]
-"""Probabilities from results, two effects together included."""
 
 
 def look_together(
@@ -39,7 +38,7 @@ def look_together(
 
     Args:
         looks: by fabric.
-        weigh: see :data:`Weigh`.
+        weigh: see :data:`diagnosis.once.Weigh`.
         scene: whose captures are looked at again.
         workers: that simulate fabrics side by side.
 

@@ -32,6 +32,7 @@ COUNT, FABRICS = 60, 4
 DRAFT, CREASE = {SCALAR: 0.4}, {SCALAR: 1.0, "down": 1.0, "position": 0.5}
 SIZES: dict[str, Mapping[str, float]] = {"air_draft": DRAFT, "crease": CREASE}
 MODEL = LikelihoodModel()
+NONE = np.zeros((0, COUNT))
 
 
 def view(measured: np.ndarray, **known: Any) -> View:
@@ -43,22 +44,22 @@ def test_what_was_taken_away_is_as_uncertain_as_what_is_tried() -> None:
     one, two, left = (
         25.0 * rng.standard_normal(COUNT),
         3.0 * rng.standard_normal(COUNT),
-        rng.standard_normal((1, COUNT)),
+        rng.standard_normal(COUNT),
     )
 
     def value(taken: tuple[np.ndarray, ...], tried: np.ndarray) -> float:
-        return float(view_log_likelihood(view(left[0], taken=taken), left, tried[None], "stretch", MODEL)[0])
+        seen = view(left + tried, taken=taken)
+        return float(view_log_likelihood(seen, tried[None], np.ones((1, 1)), "stretch", MODEL)[0])
 
     assert value((one,), two) == pytest.approx(value((two,), one), abs=1e-6)
     assert value((one,), np.zeros(COUNT)) == pytest.approx(value((), one), abs=1e-6)
     assert value((one, two), np.zeros(COUNT)) == pytest.approx(value((one,), two), abs=1e-6)
     longer = left + 0.1 * one  # as much as a response's length errs
-    lost = [
-        float(
-            np.subtract(*(view_log_likelihood(v, r, np.zeros((1, COUNT)), "stretch", MODEL)[0] for r in (left, longer)))
-        )
-        for v in (view(left[0]), view(left[0], taken=(one,)))
-    ]
+
+    def unexplained(left: np.ndarray, taken: tuple[np.ndarray, ...]) -> float:
+        return float(view_log_likelihood(view(left, taken=taken), NONE, np.zeros((1, 0)), "stretch", MODEL)[0])
+
+    lost = [unexplained(left, taken) - unexplained(longer, taken) for taken in ((), (one,))]
     assert 0.0 < lost[1] < 0.3 * lost[0]
 
 

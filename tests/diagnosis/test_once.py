@@ -1,0 +1,24 @@
+"""What has not changed is not weighed again."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from diagnosis.once import once
+
+
+def test_the_same_results_are_weighed_once_and_changed_ones_again() -> None:
+    asked: list[int] = []
+
+    def weigh(results: Any) -> Any:
+        asked.append(len(results))
+        return SimpleNamespace(number=len(asked))
+
+    answer = once(weigh)
+    results: list[Any] = [SimpleNamespace(), SimpleNamespace()]
+    assert answer(results).number == answer(list(results)).number == 1
+    assert answer([results[0], SimpleNamespace()]).number == 2
+    assert answer(results).number == 3
+    assert answer(results[:1]).number == 4
+    assert asked == [2, 2, 2, 1]
