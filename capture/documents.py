@@ -6,7 +6,6 @@ other programs' additions survive. A key that was absent stays absent.
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Annotated, Any, Final, Literal
 
@@ -14,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from renderer.camera import Camera
 from simcore.errors import InputError
+from simcore.json_text import parse_json
 from simcore.parameters import ESTIMATED_NAMES, LIMITS, UNITS
 
 FORMAT: Final = "drape-capture-set/1"
@@ -175,21 +175,19 @@ def parse_document(text: str, source: str) -> CaptureSetDocument:
         InputError: ``file_not_json``, ``capture_format_unknown``, ``capture_set_invalid``, ``scene_unknown``,
             ``number_not_finite``, ``parameter_out_of_range``, ``duplicate_id`` or ``fabric_unknown``; one line each.
     """
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{source}: not valid JSON (line {error.lineno}: {error.msg})", code="file_not_json") from None
-    except RecursionError:
-        raise InputError(f"{source}: not valid JSON (nested too deeply)", code="file_not_json") from None
+    value = parse_json(text, source)
     if not isinstance(value, dict):
         raise InputError(f"{source}: a JSON object in format {FORMAT!r} is needed", code="capture_set_invalid")
     if value.get("format") != FORMAT:
-        given = json.dumps(value.get("format"))[:80]
+        given = repr(value.get("format"))[:80]
         raise InputError(
             f"{source}: format is {given}, this version reads {FORMAT!r}: convert the set or write that format",
             code="capture_format_unknown",
         )
-    place = _first_not_finite(value)
+    try:
+        place = _first_not_finite(value)
+    except RecursionError:
+        raise InputError(f"{source}: not valid JSON (nested too deeply)", code="file_not_json") from None
     if place is not None:
         raise InputError(f"{source}: {place} is not a finite number", code="number_not_finite")
     try:

@@ -172,6 +172,17 @@ class Effect:
         return 0.0 if self.vector else math.sqrt(component.low * component.high)
 
 
+def not_negative(name: str, value: float) -> float:
+    """A size that has no other sign.
+
+    Raises:
+        InputError: it is negative.
+    """
+    if value < 0.0:
+        raise InputError(f"{name} {value:g} is negative: give 0 or more", code="effect_magnitude")
+    return value
+
+
 def scalar(low: float, high: float, *, signed: bool = False) -> Mapping[str, Component]:
     """Components of an effect whose size is one number."""
     return MappingProxyType({SCALAR: Component(low, high, signed)})

@@ -28,8 +28,9 @@ class AppliedEffect(BaseModel):
 
     @property
     def option(self) -> str:
-        """As `drapemeter simulate --effect` takes it."""
-        return f"{self.name}=" + ",".join(f"{key}:{value:.6g}" for key, value in self.size.items())
+        """As `drapemeter simulate --effect` takes it; without the seed of what is another one in every repeat."""
+        shown = {k: v for k, v in self.size.items() if k != "seed" or not get_effect(self.name).random_repeats}
+        return f"{self.name}=" + ",".join(f"{key}:{value:.6g}" for key, value in shown.items())
 
 
 class SimulatorExtension(BaseModel):

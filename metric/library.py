@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from simcore.errors import InputError
+from simcore.json_text import parse_json
 from simcore.parameters import PARAMETER_NAMES, FabricParameters
 
 
@@ -77,10 +77,7 @@ def parse_library(rows: Iterable[Any], where: str) -> list[LibraryFabric]:
 
 
 def _json_rows(text: str, path: Path) -> list[Any]:
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: not valid JSON (line {error.lineno}: {error.msg})", code="file_not_json") from None
+    value = parse_json(text, path)
     if isinstance(value, Mapping):
         inner = value.get("fabrics", value)
         if isinstance(inner, Mapping):

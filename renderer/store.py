@@ -19,7 +19,7 @@ from renderer.store_format import (
     array_specs,
     object_key,
 )
-from renderer.store_location import listed_sizes, open_location, read_attributes, store_errors, store_exists
+from renderer.store_location import listed_sizes, open_location, read_attributes, read_errors, store_exists
 from renderer.store_writer import ShardRows, StoreWriter
 from simcore.errors import InputError
 
@@ -46,7 +46,7 @@ class Store:
     def __init__(self, url: str | Path, group: Any, attributes: Mapping[str, Any]) -> None:
         self.url = str(url)
         self.attributes = attributes
-        self.layout = StoreLayout.from_attributes(attributes["layout"])
+        self.layout = StoreLayout.from_attributes(attributes.get("layout"))
         self._group = group
         self._arrays: dict[str, Any] = {}
 
@@ -61,7 +61,7 @@ class Store:
         import zarr
         from zarr.errors import GroupNotFoundError
 
-        with store_errors(url):
+        with read_errors(url):
             try:
                 group = zarr.open_group(open_location(url, read_only=True), mode="r", zarr_format=3)
             except (GroupNotFoundError, FileNotFoundError):
@@ -139,8 +139,8 @@ class Store:
             return [int(key.split("/")[-2]) async for key in self._group.store.list_prefix(prefix) if key[-2:] == "/0"]
 
         finished = np.zeros(self.shards, dtype=np.bool_)
-        with store_errors(self.url):
-            finished[sync(marked())] = True
+        with read_errors(self.url):
+            finished[[shard for shard in sync(marked()) if shard < self.shards]] = True
         return finished
 
     def column(self, name: str) -> NDArray[Any]:
@@ -148,7 +148,7 @@ class Store:
         import zarr
 
         # One small object a shard: many requests at once, or a large store takes an hour to open.
-        with store_errors(self.url), zarr.config.set({"async.concurrency": COLUMN_REQUESTS}):
+        with read_errors(self.url), zarr.config.set({"async.concurrency": COLUMN_REQUESTS}):
             return np.asarray(self.array(name)[:])
 
     def depth(self, sample: int) -> NDArray[np.float32]:
@@ -159,24 +159,24 @@ class Store:
         """
         if not 0 <= sample < len(self):
             raise IndexError(f"sample {sample} is not one of {len(self)}")
-        with store_errors(self.url):
+        with read_errors(self.url):
             return dequantise_depth(self.array("depth")[sample], DEPTH_UNIT_M)
 
     def depth_counts(self, shard: int) -> NDArray[np.uint16]:
         """All depth pictures of a shard, 0.1 mm counts, uint16, shape [rows, height, width]."""
         rows = self.rows(shard)
-        with store_errors(self.url):
+        with read_errors(self.url):
             return np.asarray(self.array("depth")[rows.start : rows.stop])
 
     def vertices(self, simulation: int) -> NDArray[np.float32]:
         """Drape of a simulation [m], panel frame, float32, shape [vertex_count, 3]."""
-        with store_errors(self.url):
+        with read_errors(self.url):
             return np.asarray(self.array("drapes/vertices")[simulation])
 
     def read_shard(self, shard: int) -> ShardRows:
         """Everything of one shard, as it was written."""
         parts: dict[str, Any] = {}
-        with store_errors(self.url):
+        with read_errors(self.url):
             for spec in array_specs(self.layout)[:-1]:
                 where = self.layout.shard_simulations(shard) if spec.per == "simulation" else self.rows(shard)
                 parts[spec.name.removeprefix("drapes/")] = np.asarray(self.array(spec.name)[where.start : where.stop])
@@ -188,7 +188,7 @@ class Store:
         from zarr.core.sync import sync
 
         found: dict[str, bytes | None] = {}
-        with store_errors(self.url):
+        with read_errors(self.url):
             for spec in array_specs(self.layout)[:-1]:
                 key = object_key(spec, shard)
                 buffer = sync(self._group.store.get(key, default_buffer_prototype()))
@@ -198,7 +198,7 @@ class Store:
     def object_sizes(self) -> dict[str, int]:
         """Bytes that the store's objects take, by array name (metadata is left out)."""
         sizes: dict[str, int] = {}
-        with store_errors(self.url):
+        with read_errors(self.url):
             for key, size in listed_sizes(self.url):
                 name, _, part = key.partition("/c/")
                 if part:
@@ -212,6 +212,6 @@ class Store:
             KeyError: there is none.
         """
         if name not in self._arrays:
-            with store_errors(self.url):
+            with read_errors(self.url):
                 self._arrays[name] = self._group[name]
         return self._arrays[name]

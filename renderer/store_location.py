@@ -101,6 +101,16 @@ def store_errors(url: str | Path) -> Iterator[None]:
         raise _from_obstore(url, error) from error
 
 
+@contextmanager
+def read_errors(url: str | Path) -> Iterator[None]:
+    """The same for reading, where damaged objects and metadata fail in their decoders."""
+    with store_errors(url):
+        try:
+            yield
+        except (RuntimeError, ValueError) as error:
+            raise StoreError(f"{url}: damaged ({_first_line(error)})", code="store_damaged") from error
+
+
 def store_exists(url: str | Path) -> bool:
     """Whether a laid-out store is there (a folder that was killed while being laid out is none).
 
@@ -111,7 +121,7 @@ def store_exists(url: str | Path) -> bool:
     import zarr
     from zarr.errors import GroupNotFoundError
 
-    with store_errors(url):
+    with read_errors(url):
         try:
             return "schema" in zarr.open_group(open_location(url, read_only=True), mode="r", zarr_format=3).attrs
         except (GroupNotFoundError, FileNotFoundError):

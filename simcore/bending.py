@@ -45,6 +45,11 @@ class PlateRigidity:
         coupling = min(COUPLING * root, 0.5 * mixed)
         return cls(weft, warp, coupling, 0.25 * (mixed - 2.0 * coupling), raised)
 
+    @property
+    def bias(self) -> float:
+        """Rigidity of a cylinder bent along the 45° bias [N·m]."""
+        return self.along(math.pi / 4.0)
+
     def along(self, angle_from_warp: float) -> float:
         """Rigidity of a cylinder whose curvature runs at this angle [rad] from warp (v) towards weft (u) [N·m]."""
         c, s = math.cos(angle_from_warp), math.sin(angle_from_warp)

@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 
 from simcore.bending import PlateRigidity
 from simcore.grid import Grid
-from simcore.mechanics import Mechanics
+from simcore.mechanics import CurvatureField, Mechanics
 from simcore.parameters import FabricParameters
 
 Array = NDArray[np.float64]
+
+SAMPLED_CELL_M = 0.0201
+"""Largest cell at whose vertices rest curvatures are taken as they are; the catalogue's are no narrower [m]."""
+SUBCELLS = 10
+"""Points along each side of a larger cell over which they are averaged."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,7 @@ def rest_moments(grid: Grid, plate: PlateRigidity, mechanics: Mechanics) -> Arra
         return None
     v, u = np.meshgrid(np.arange(grid.rows) * grid.hv, np.arange(grid.columns) * grid.hu, indexing="ij")
     size = ((grid.columns - 1) * grid.hu, (grid.rows - 1) * grid.hv)
-    fields = [field.evaluate(u, v, size) for field in mechanics.rest_curvature]
+    fields = [_of_cells(field, grid, u, v, size) for field in mechanics.rest_curvature]
     weft, warp = sum(f[0] for f in fields), sum(f[1] for f in fields)
     # the plate couples its curvatures at inner vertices only: coupled at the border too, a free sheet would not rest
     coupled = np.zeros((grid.rows, grid.columns))
@@ -62,3 +67,12 @@ def rest_moments(grid: Grid, plate: PlateRigidity, mechanics: Mechanics) -> Arra
     moments[:, [0, -1], 0] = 0.0
     moments[[0, -1], :, 1] = 0.0
     return moments
+
+
+def _of_cells(field: CurvatureField, grid: Grid, u: Array, v: Array, size: tuple[float, float]) -> tuple[Array, Array]:
+    """A rest curvature at vertices; on coarse cells its mean round each, since what is narrower could fall between."""
+    if max(grid.hu, grid.hv) <= SAMPLED_CELL_M:
+        return field.evaluate(u, v, size)
+    shares = (np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5
+    parts = [field.evaluate(u + a * grid.hu, v + b * grid.hv, size) for a in shares for b in shares]
+    return np.mean([part[0] for part in parts], axis=0), np.mean([part[1] for part in parts], axis=0)

@@ -18,6 +18,14 @@ from simcore.scenes import GRAVITY_M_S2, Vector3
 
 Array = NDArray[np.float64]
 
+LEAST_STIFFENING_STRAIN = 1e-6
+"""Cloth whose moduli have doubled at less than this is of no textile, and its stiffness of no float."""
+
+
+def _check_width(width_m: float, what: str) -> None:
+    if not width_m > 0.0 or not math.isfinite(width_m):
+        raise InputError(f"the width of {what}, {width_m:g} m, must be positive", code="mechanics")
+
 
 class CurvatureField(Protocol):
     """A curvature the sample has when nothing acts on it."""
@@ -53,6 +61,9 @@ class EdgeCurl:
     width_m: float = 0.035
     edges: tuple[str, ...] = ("left", "right", "top", "bottom")
 
+    def __post_init__(self) -> None:
+        _check_width(self.width_m, "an edge curl's strip")
+
     def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
         """See :class:`CurvatureField`."""
 
@@ -78,6 +89,13 @@ class Crease:
     position: float = 0.5
     width_m: float = 0.02
 
+    def __post_init__(self) -> None:
+        _check_width(self.width_m, "a crease")
+        if not 0.0 <= self.position <= 1.0:
+            raise InputError(
+                f"a crease at {self.position:g} of the sample is not on it: give a share from 0 to 1", code="mechanics"
+            )
+
     def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
         """See :class:`CurvatureField`."""
         across = u - self.position * size_m[0] if self.along == "warp" else v - self.position * size_m[1]
@@ -94,6 +112,10 @@ class FrozenCurvature:
     amplitude: float
     seed: int = 0
     wavelength_m: float = 0.12
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise InputError(f"the seed of a frozen curvature must be 0 or more, not {self.seed}", code="mechanics")
 
     def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
         """See :class:`CurvatureField`."""
@@ -151,8 +173,11 @@ class Mechanics:
         )
         if not all(math.isfinite(n) for n in numbers) or not any(self.gravity):
             raise InputError("mechanics need finite numbers and some gravity", code="mechanics")
-        if self.stiffening_strain is not None and not self.stiffening_strain > 0.0:
-            raise InputError("stiffening strain must be positive", code="mechanics")
+        if self.stiffening_strain is not None and not self.stiffening_strain >= LEAST_STIFFENING_STRAIN:
+            raise InputError(
+                f"stiffening strain {self.stiffening_strain:g} must be positive, {LEAST_STIFFENING_STRAIN:g} or more",
+                code="mechanics",
+            )
         if min(self.hem_kg_m, self.adhesion_pa, self.friction) < 0.0 or not self.adhesion_range_m > 0.0:
             raise InputError("hem mass, adhesion and friction cannot be negative", code="mechanics")
 

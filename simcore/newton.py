@@ -124,7 +124,7 @@ class Newton:
                 damping = 0.25 * damping if damping > 1e-3 else 0.0
             elif length < 0.3:
                 blend *= 0.5
-        return Rest(x, residual, False, options.iterations, False)
+        return Rest(x, residual, False, iteration, False)
 
     def _descend(self, x: Array, energy: float, gradient: Array) -> tuple[float, float, float, Array, float, Array]:
         """One step with the factorisation at hand, then as many limited-memory BFGS steps preconditioned by it as pay.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.errors import InputError
+from simcore.json_text import parse_json
 
 UNITS: dict[str, str] = {
     "stretch_warp": "N/m",
@@ -69,7 +69,10 @@ class FabricParameters:
                 raise InputError(
                     f"{name} must be a number [{UNITS[name]}], got {value!r}", code="parameter_not_a_number"
                 )
-            value = float(value)
+            try:
+                value = float(value)
+            except OverflowError:  # a whole number of hundreds of digits
+                value = math.inf
             low, high = LIMITS[name]
             if not math.isfinite(value) or not low <= value <= high:
                 raise InputError(
@@ -140,10 +143,7 @@ def read_json_object(path: str | Path, what: str) -> dict[str, Any]:
         raise InputError(f"{path}: no such file; give the JSON file of the {what}", code="file_missing") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as text ({error})", code="file_unreadable") from None
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: not valid JSON (line {error.lineno}: {error.msg})", code="file_not_json") from None
+    value = parse_json(text, path)
     if not isinstance(value, dict):
         raise InputError(f"{path}: a JSON object with the {what} is needed", code="file_not_json")
     return value

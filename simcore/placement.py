@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,10 +103,14 @@ class Perturbation:
         return values / scale if scale > 0.0 else values
 
 
-def put_up(level: Level, pins: Pins, perturbation: Perturbation) -> tuple[Array, int]:
+def put_up(level: Level, pins: Pins, perturbation: Perturbation, deadline: float = math.inf) -> tuple[Array, int]:
     """Swing the sample from flat to near rest by implicit Euler steps (Baraff and Witkin 1998).
 
     The random forces die out while the pins come home.
+
+    Args:
+        level, pins, perturbation: what is put up, where it is held and how this time differs from others.
+        deadline: CPU time of this process after which no further step is taken [s].
 
     Returns:
         Positions [rows, columns, 3] and the number of steps.
@@ -118,14 +123,18 @@ def put_up(level: Level, pins: Pins, perturbation: Perturbation) -> tuple[Array,
     forces *= jitter.force_weights * (level.loads.mass * 9.81)[..., None]
     velocity = np.zeros_like(x)
     inertia = level.loads.mass / STEP_S**2
+    steps = 0
     for step in range(STEPS):
+        if time.process_time() > deadline:
+            break
         progress = min(1.0, (step + 1) / (0.5 * STEPS))
         level.push(forces * max(0.0, 1.0 - step / (0.6 * STEPS)))
         previous = x.copy()
         x = _step(level, x, velocity, inertia, pins, progress)
         velocity = 0.95 * (x - previous) / STEP_S
+        steps += 1
     level.push(0.0)
-    return x, STEPS
+    return x, steps
 
 
 def _step(level: Level, x: Array, velocity: Array, inertia: Array, pins: Pins, progress: float) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.errors import InputError
+from simcore.json_text import parse_json
 from simcore.parameters import PARAMETER_NAMES, FabricParameters
 from simcore.prior import is_admissible
 
@@ -89,10 +89,7 @@ def _csv_rows(text: str) -> list[dict[str, Any]]:
 
 
 def _json_rows(path: str | Path, text: str) -> list[dict[str, Any]]:
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: not valid JSON (line {error.lineno}: {error.msg})", code="file_not_json") from None
+    value = parse_json(text, path)
     rows = value.get("fabrics") if isinstance(value, dict) else value
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f'{path}: a list of fabrics, or {{"fabrics": [...]}}, is needed', code="list_form")

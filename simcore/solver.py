@@ -186,7 +186,7 @@ class Solver:
         level.set_up(fabric, mechanics, contact, pins.fixed, problem.own_contact)
         steps = 0
         if x is None:
-            x, steps = put_up(level, pins, perturbation)
+            x, steps = put_up(level, pins, perturbation, problem.deadline)
         elif x.shape != grid.shape:
             x = self._refine(level, x, problem.own_contact)
         pins.hold(x, 1.0)

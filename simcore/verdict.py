@@ -23,11 +23,14 @@ def verdict(mesh: GridMesh, rest: Rest, crossings: int, late: bool) -> tuple[Dra
     """
     if not np.isfinite(rest.x).all() or not math.isfinite(rest.residual):
         return DrapeStatus.DIVERGED, "positions are not finite"
+    said = "time limit; " if late else ""
     if not rest.converged:
-        reason = f"residual {rest.residual:.2g} vertex weights after {rest.iterations} steps"
-        return DrapeStatus.NOT_STILL, f"time limit; {reason}" if late else reason
+        return (
+            DrapeStatus.NOT_STILL,
+            f"{said}residual {rest.residual:.2g} vertex weights after {rest.iterations} steps",
+        )
     if crossings:
-        return DrapeStatus.NOT_STILL, f"the cloth passes through itself: {crossings} edges pierce a triangle"
+        return DrapeStatus.NOT_STILL, f"{said}the cloth passes through itself: {crossings} edges pierce a triangle"
     if (share := kinked_share(rest.x)) > largest_share(mesh.resolution_m):
         return DrapeStatus.UNDER_RESOLVED, (
             f"{100 * share:.0f} % of the sample folds by more than 45 degrees within a cell: "

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+from diagnosis.effect import SCALAR, Effect, Size, Stage, not_negative, scalar
 from diagnosis.scene import SimulationScene
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
     """The coarser step rules."""
-    return scene.with_sensor(quantisation_m=max(scene.sensor.quantisation_m, size[SCALAR]))
+    step = not_negative("quantisation", size[SCALAR])
+    return scene.with_sensor(quantisation_m=max(scene.sensor.quantisation_m, step))
 
 
 EFFECT = Effect(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+import math
+
+from diagnosis.effect import SCALAR, Effect, Size, Stage, not_negative, scalar
 from diagnosis.scene import SimulationScene
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
     """Variances add; at the sensor's reference distance."""
-    total = (scene.sensor.range_noise_m**2 + size[SCALAR] ** 2) ** 0.5
+    total = math.hypot(scene.sensor.range_noise_m, not_negative("range_noise", size[SCALAR]))
     return scene.with_sensor(range_noise_m=total)
 
 

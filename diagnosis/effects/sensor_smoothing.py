@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+import math
+
+from diagnosis.effect import SCALAR, Effect, Size, Stage, not_negative, scalar
 from diagnosis.scene import SimulationScene
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
     """Variances of blurs add; by the driver after the noise, or by the optics before it."""
     name = "filter_px" if size["after_noise"] > 0.5 else "smoothing_px"
-    total = (getattr(scene.sensor, name) ** 2 + size[SCALAR] ** 2) ** 0.5
+    total = math.hypot(getattr(scene.sensor, name), not_negative("sensor_smoothing", size[SCALAR]))
     return scene.with_sensor(**{name: total})
 
 

@@ -115,8 +115,8 @@ def dataset(
 def describe_simulator(configuration: SweepConfiguration) -> str:
     """One line for people."""
     effects = " ".join(f"--effect {effect.option}" for effect in configuration.simulator)
-    held = "" if configuration.pin_radius_m is None else f"magnets that hold {1e3 * configuration.pin_radius_m:g} mm"
-    found = " and ".join(part for part in (effects, held) if part)
+    held = "" if configuration.pin_radius_m is None else f"--pin-radius {configuration.pin_radius_m:g}"
+    found = " ".join(part for part in (effects, held) if part)
     return f"simulated with {found}" if found else "the simulator file names no effect: the plain simulator"
 
 

@@ -37,10 +37,12 @@ def distance(
       drapemeter distance denim.json silk.json --backend depth
     """
     from services.cli.metric_options import caches, check_resolution, unit_text
+    from services.cli.plates import note_raised_bias
     from simcore.parameters import FabricParameters
 
     fabric_a, fabric_b = FabricParameters.load(a), FabricParameters.load(b)
     check_resolution(resolution)
+    note_raised_bias([(str(a), fabric_a), (str(b), fabric_b)])
     from metric.backends import get_backend
     from metric.compare import compare_fabrics
     from metric.simulate import SimulationPlan

@@ -51,6 +51,7 @@ def rank(
     from metric.library import load_library
     from services.cli.metric_options import check_resolution
     from services.cli.outputs import check_figure, make_folder
+    from services.cli.plates import note_raised_bias
     from simcore.parameters import FabricParameters
 
     fabric = FabricParameters.load(reference)
@@ -62,6 +63,7 @@ def rank(
         check_figure(figure)
     if thumbnails is not None:
         make_folder(thumbnails, "name a folder that can be written to")
+    note_raised_bias([(str(reference), fabric), *((entry.id, entry.parameters) for entry in entries)])
     from metric.backends import get_backend
     from metric.search import search_library
     from metric.simulate import SimulationPlan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
 CODE_NOT_STILL = "drape_not_still"
 EFFECT_SEED = "seed"
 """Component of an effect that is another one in every repeat."""
-EFFECT_STREAM = 2
-"""Spawn key of that component; the solver's jitter uses the seed itself, the sensor's noise key 1."""
 RESULT_NAMES = ("status", "residual", "energy", "stable", "iterations", "seconds", "reason")
 
 
@@ -36,6 +35,9 @@ def simulate(
     resolution: float = typer.Option(0.005, "--resolution", help="Edge of a mesh cell [m]; must divide 0.5 m."),
     seed: int = typer.Option(0, "--seed", help="Of the jitter: the same seed gives the same bits."),
     effect: list[str] = typer.Option([], "--effect", help="NAME=MAGNITUDE, an effect to switch on; may be repeated."),
+    pin_radius: float | None = typer.Option(
+        None, "--pin-radius", help="What a magnet holds round its corner [m], 0 for a point; default: 0.01."
+    ),
     depth: Path | None = typer.Option(None, "--depth", help="Also a 16-bit depth PNG."),
     capture_set: Path | None = typer.Option(None, "--capture-set", help="Also add the picture to this capture set."),
     fabric: str | None = typer.Option(
@@ -59,17 +61,21 @@ def simulate(
       drapemeter simulate --scene hanging --parameters p.json --resolution 0.01 --out drape.ply --depth d.png
       drapemeter simulate --scene hanging --parameters p.json --effect air_draft=0.3 --out a.ply --capture-set drafty
     """
+    from services.cli.plates import note_raised_bias
     from services.cli.simulate_files import CapturePlan, check_outputs, take_picture, write_files
     from simcore.mesh import GridMesh
     from simcore.parameters import FabricParameters
 
     if seed < 0:
         raise InputError(f"seed {seed} is negative: give 0 or more", code="seed_negative")
+    if fabric is not None and capture_set is None:
+        raise InputError("--fabric names a fabric of a capture set: give --capture-set too", code="fabric_without_set")
     cloth = FabricParameters.load(parameters)
     pictured = depth is not None or capture_set is not None
-    nominal, changed = build_scene(scene, effect, cloth, seed, pictured=pictured)
+    nominal, changed = build_scene(scene, effect, cloth, seed, pictured=pictured, pin_radius_m=pin_radius)
     mesh = GridMesh(resolution)
     check_outputs(out, depth)
+    note_raised_bias([(str(parameters), cloth)])
     place = None if capture_set is None else CapturePlan(capture_set, fabric or parameters.stem, cloth, nominal)
     if place is not None:
         place.check()
@@ -90,7 +96,13 @@ def simulate(
 
 
 def build_scene(
-    name: str, effects: list[str], cloth: FabricParameters, seed: int, *, pictured: bool
+    name: str,
+    effects: list[str],
+    cloth: FabricParameters,
+    seed: int,
+    *,
+    pictured: bool,
+    pin_radius_m: float | None = None,
 ) -> tuple[SimulationScene, SimulationScene]:
     """The nominal scene, and the same with the effects on.
 
@@ -98,14 +110,17 @@ def build_scene(
     is given (``bending_hysteresis=magnitude:10,seed:7``).
 
     Raises:
-        InputError: unknown scene or effect, an effect given twice, or one that only a picture could show.
+        InputError: unknown scene or effect, an effect given twice, one that only a picture could show, or magnets that
+            hold more than a quarter of the sample.
     """
     from diagnosis.effect import Stage
     from diagnosis.effects import parse_effect
     from diagnosis.scene import SimulationScene
+    from services.effect_seed import draw_effect_seed
     from simcore.scenes import Scene, Setup
 
-    nominal = SimulationScene(Setup.nominal(Scene.parse(name)))
+    setup = Setup.nominal(Scene.parse(name))
+    nominal = SimulationScene(setup if pin_radius_m is None else replace(setup, pin_radius_m=pin_radius_m))
     changed = nominal
     seen: set[str] = set()
     for text in effects:
@@ -127,15 +142,6 @@ def gives_seed(text: str) -> bool:
     """Whether a size from the command line says the effect's own seed."""
     parts = text.partition("=")[2].split(",")
     return any(part.partition(":")[0].strip() == EFFECT_SEED for part in parts if ":" in part)
-
-
-def draw_effect_seed(effect: str, scene: str, cloth: FabricParameters, seed: int) -> float:
-    """Seed of an effect that is another one in every repeat: the same for the same seed, scene and fabric."""
-    import numpy as np
-
-    told = "\n".join([effect, scene, *(value.hex() for value in cloth.as_dict().values())]).encode()
-    words = np.random.SeedSequence([seed, *told], spawn_key=(EFFECT_STREAM,))
-    return float(np.random.default_rng(words).integers(1000, 1_000_000))
 
 
 def report(drape: Drape, out: Path, json_output: bool) -> None:

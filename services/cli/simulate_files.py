@@ -57,7 +57,7 @@ def check_outputs(out: Path, depth: Path | None) -> None:
             raise InputError(f"{path} is a folder: name a file", code="output_is_folder")
         if not os.access(path.absolute().parent, os.W_OK | os.X_OK):
             raise InputError(f"{path}: its folder cannot be written to; name another", code="cannot_write")
-    if depth is not None and depth.absolute() == out.absolute():
+    if depth is not None and depth.resolve() == out.resolve():
         raise InputError(f"{out} cannot be both the drape and its depth picture", code="output_twice")
 
 
@@ -73,13 +73,17 @@ def take_picture(drape: Drape, scene: SimulationScene, seed: int) -> NDArray[np.
 
 
 def write_files(drape: Drape, out: Path, picture: NDArray[np.float32] | None, depth: Path | None) -> None:
-    """Write the mesh and, where asked, the picture; each file whole or not at all."""
+    """Write where asked the picture, then the mesh; each file whole or not at all.
+
+    Raises:
+        InputError: the picture holds depths that a file cannot hold, and then nothing is written, or a file cannot be.
+    """
     from renderer.depth_png import write_depth_png
     from renderer.ply import write_ply
 
-    write_ply(out, drape.vertices, drape.mesh.triangles)
     if depth is not None and picture is not None:
         write_depth_png(depth, picture)
+    write_ply(out, drape.vertices, drape.mesh.triangles)
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,7 @@ class SweepConfiguration(BaseModel):
     ranges: dict[str, tuple[float, float]] = Field(default_factory=lambda: dict(DEFAULT_RANGES))
     fabrics_digest: str = ""
     simulations_per_shard: int = Field(default=0, ge=0)
-    time_limit_s: float = Field(default=120.0, gt=0)
+    time_limit_s: float = Field(default=120.0, gt=0, allow_inf_nan=False)
     sensor: str = IDEAL
     simulator: tuple[AppliedEffect, ...] = ()
     pin_radius_m: float | None = Field(default=None, ge=0.0, le=MOST_PIN_RADIUS_M, allow_inf_nan=False)

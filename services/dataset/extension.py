@@ -2,61 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from diagnosis.effects import get_effect
-from diagnosis.extension import AppliedEffect, SimulatorExtension
+from diagnosis.extension import SimulatorExtension
 from diagnosis.scene import SimulationScene
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import panel_depth
+from renderer.depth_png import quantise_depth
 from renderer.sensor import named_sensor
+from renderer.store_format import DEPTH_UNIT_M
+from services.effect_seed import draw_effect_seed
+from simcore.checks import check_request
 from simcore.errors import InputError
+from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
 
 if TYPE_CHECKING:
     from services.dataset.configuration import SweepConfiguration
 
-EFFECT_STREAM = 2
-"""Key of the effects' random numbers among those of a simulation."""
+SOME_CLOTH = FabricParameters(1000.0, 1000.0, 300.0, 1e-5, 1e-5, 1e-5, 0.2)
+"""Any fabric: what is checked beforehand does not hang on it."""
 
 MOST_PANEL_SHIFT_M = 1e-3
 """Pictures of a store are read against the panel where it should be; what stands 2 mm off it is taken for cloth."""
 
 
-def build_scene(configuration: SweepConfiguration, scene: str, seed: int) -> SimulationScene:
+def build_scene(configuration: SweepConfiguration, scene: str, cloth: FabricParameters, seed: int) -> SimulationScene:
     """Set-up, mechanics, camera and sensor of one simulation of a sweep.
 
-    An effect that differs from repeat to repeat is drawn anew from the simulation's seed.
+    An effect that differs from repeat to repeat is drawn anew from the simulation's seed, as `drapemeter simulate` does
+    it.
 
     Raises:
         InputError: an effect has no physical meaning at its size.
     """
     built = SimulationScene(Setup.nominal(scene), sensor=named_sensor(configuration.sensor))
-    effects = _of_simulation(configuration.simulator, seed)
-    return SimulatorExtension(effects=effects, pin_radius_m=configuration.pin_radius_m).apply(built)
-
-
-def _of_simulation(effects: Sequence[AppliedEffect], seed: int) -> tuple[AppliedEffect, ...]:
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(EFFECT_STREAM,)))
-    return tuple(
-        effect.model_copy(update={"size": {**effect.size, "seed": float(rng.integers(1000, 1_000_000))}})
+    effects = [
+        effect.model_copy(update={"size": {**effect.size, "seed": draw_effect_seed(effect.name, scene, cloth, seed)}})
         if get_effect(effect.name).random_repeats
         else effect
-        for effect in effects
-    )
+        for effect in configuration.simulator
+    ]
+    return SimulatorExtension(effects=tuple(effects), pin_radius_m=configuration.pin_radius_m).apply(built)
 
 
 def check_effects(configuration: SweepConfiguration) -> None:
     """Find out before anything starts whether a sweep can be made with its effects.
 
     Raises:
-        InputError: an effect has no physical meaning at its size, or moves the panel in the picture.
+        InputError: an effect has no physical meaning at its size, puts pins where the cloth does not reach, moves the
+            panel in the picture, or leaves no picture that a store can hold.
     """
     for name in configuration.scenes:
-        plain = build_scene(configuration.model_copy(update={"simulator": ()}), name, 0)
+        plain = build_scene(configuration.model_copy(update={"simulator": ()}), name, SOME_CLOTH, 0)
         for effect in configuration.simulator:
             shift = panel_shift_m(SimulatorExtension(effects=(effect,)).apply(plain))
             if not shift <= MOST_PANEL_SHIFT_M:
@@ -66,7 +67,20 @@ def check_effects(configuration: SweepConfiguration) -> None:
                     "the effect out of the simulator file",
                     code="simulator_moves_panel",
                 )
-        build_scene(configuration, name, 0)
+        built = build_scene(configuration, name, SOME_CLOTH, 0)
+        check_request(configuration.mesh, built.setup, None, configuration.time_limit_s)
+        _check_sensor(built)
+
+
+def _check_sensor(scene: SimulationScene) -> None:
+    """Whether a picture of the panel alone comes through the sensor into a store."""
+    seen = panel_depth(scene.camera, scene.camera_from_panel).astype(np.float32)
+    counts = quantise_depth(scene.sensor.apply(seen, np.random.default_rng(0), camera=scene.camera), DEPTH_UNIT_M)
+    if not counts.any():
+        raise InputError(
+            "with the simulator file's effects the sensor reads nothing at all: give them smaller sizes",
+            code="simulator_blind",
+        )
 
 
 def panel_shift_m(scene: SimulationScene) -> float:

@@ -16,6 +16,7 @@ from renderer.store import RowStatus, ShardRows
 from renderer.store_format import DEPTH_UNIT_M, SCENE_CODES
 from services.dataset.configuration import SweepConfiguration, simulation_seed
 from services.dataset.extension import build_scene
+from simcore.checks import check_request
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import DrapemeterError
 from simcore.parameters import FabricParameters
@@ -81,8 +82,9 @@ def shard_requests(task: ShardTask, configuration: SweepConfiguration) -> dict[i
         if number in task.given_up:
             continue
         try:
-            built = build_scene(configuration, name, seed)
             cloth = FabricParameters.from_array(fabric)
+            built = build_scene(configuration, name, cloth, seed)
+            check_request(configuration.mesh, built.setup, None, configuration.time_limit_s)
             requests[seed] = Request(cloth, built.setup, seed, mechanics=built.mechanics)
         except DrapemeterError:
             continue
@@ -112,9 +114,10 @@ def simulate_and_render(
     """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised."""
     nothing = _no_depth(configuration)
     try:
-        built = build_scene(configuration, scene, seed)
+        cloth = FabricParameters.from_array(fabric)
+        built = build_scene(configuration, scene, cloth, seed)
         drape = solver.solve(
-            FabricParameters.from_array(fabric),
+            cloth,
             built.setup,
             seed=seed,
             mechanics=built.mechanics,
@@ -132,12 +135,14 @@ def simulate_and_render(
     try:
         depth = render_pictures(drape, built, configuration)
         fault = picture_fault(depth)
-        depth = apply_sensor(depth, seed, built)
+        counts = quantise_depth(apply_sensor(depth, seed, built), DEPTH_UNIT_M)
     except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
         return Outcome(RowStatus.BAD_RENDER, f"{type(error).__name__}: {error}", drape, nothing)
+    if not counts.reshape(len(counts), -1).any(axis=1).all():
+        fault = fault or "the sensor reads nothing"
     if fault:
         return Outcome(RowStatus.BAD_RENDER, fault, drape, nothing)
-    return Outcome(RowStatus.OK, "", drape, quantise_depth(depth, DEPTH_UNIT_M))
+    return Outcome(RowStatus.OK, "", drape, counts)
 
 
 def render_pictures(drape: Drape, scene: SimulationScene, configuration: SweepConfiguration) -> NDArray[np.float32]:

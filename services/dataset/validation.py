@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -13,6 +13,7 @@ import numpy as np
 from renderer.store import RowStatus, ShardRows, Store
 from renderer.store_format import SCENE_CODES, array_specs, combine_digests
 from services.dataset.configuration import simulation_seed
+from simcore.errors import StoreError
 
 MOST_FAULTS = 100
 """Faults that are listed; a damaged store is damaged."""
@@ -51,7 +52,10 @@ def validate_store(
     faults = _schema_faults(store)
     if faults:
         return ValidationReport(False, len(store), store.shards, 0, faults)
-    complete, _ = store.complete, store.checksums
+    try:
+        complete, _ = store.complete, store.checksums
+    except StoreError as error:
+        return ValidationReport(False, len(store), store.shards, 0, [str(error)])
     together = threads or min(MOST_THREADS, len(os.sched_getaffinity(0)))
     with ThreadPoolExecutor(together) as pool:
         for start in range(0, store.shards, together):
@@ -68,11 +72,18 @@ def validate_store(
 
 def _schema_faults(store: Store) -> list[str]:
     faults = []
+    if not isinstance(store.attributes.get("configuration"), Mapping):
+        faults.append("attribute configuration is missing")
+    elif "merged" not in store.attributes["configuration"] and not isinstance(store.attributes.get("seed"), int):
+        faults.append("attribute seed is missing")
     for spec in array_specs(store.layout):
         try:
             array = store.array(spec.name)
         except KeyError:
             faults.append(f"array {spec.name} is missing")
+            continue
+        except StoreError as error:
+            faults.append(f"array {spec.name}: {error}")
             continue
         length = {"sample": len(store), "simulation": store.layout.simulations, "shard": store.shards}[spec.per]
         if array.shape != (length, *spec.item):
@@ -92,7 +103,11 @@ def _shard_faults(store: Store, shard: int, complete: bool) -> list[str]:
     digests = [(key, hashlib.sha256(value).digest()) for key, value in objects.items() if value is not None]
     if combine_digests(digests) != store.checksums[shard].tobytes():
         return [f"shard {shard}: checksum does not match what is stored"]
-    return [f"shard {shard}: {fault}" for fault in _row_faults(store, shard, store.read_shard(shard))]
+    try:
+        rows = store.read_shard(shard)
+    except StoreError as error:
+        return [f"shard {shard}: {error}"]
+    return [f"shard {shard}: {fault}" for fault in _row_faults(store, shard, rows)]
 
 
 def _row_faults(store: Store, shard: int, rows: ShardRows) -> list[str]:

@@ -99,7 +99,6 @@ class BatchNewton:
         done = near & good
         rest.stable[state.which[done]] = True
         rest.converged[state.which[done]] = True
-        rest.iterations[state.which[done]] = iteration
         saddle = near & ~good
         going = ~near
         refused = self._make_positive(state, factors, good | ~going)
@@ -109,7 +108,9 @@ class BatchNewton:
         if saddle.any():
             self._escape(state, saddle)
         state.escapes[saddle] += 1
-        state.keep(~(done | broken | (state.escapes > ESCAPES)))
+        left = done | broken | (state.escapes > ESCAPES)
+        rest.iterations[state.which[left]] = iteration
+        state.keep(~left)
 
     def _shift(self, state: _State) -> Tensor:
         return state.damping * self.level.weights[state.which] / self.level.grid.hu

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from renderer.atomic import write_atomically
 from renderer.depth_png import dequantise_depth, quantise_depth, read_depth_png, write_depth_png
 from renderer.picture import write_png
 from renderer.ply import read_ply, write_ply
@@ -113,3 +116,27 @@ def test_reads_a_real_capture(shared_dir: Path) -> None:
     depth = read_depth_png(shared_dir / "real" / "phisft-r1" / "r1-hanging-0.png", 1e-4)
     assert depth.shape == (480, 640)
     assert 1.1 < np.median(depth[depth > 0]) < 1.3
+
+
+def test_a_link_stays_a_link_and_a_pipe_a_pipe(tmp_path: Path) -> None:
+    vertices, triangles = drape_like(5)
+    write_ply(tmp_path / "a.ply", vertices, triangles)
+    link = tmp_path / "link.ply"
+    link.symlink_to(tmp_path / "real.ply")
+    write_ply(link, vertices, triangles)
+    assert link.is_symlink() and (tmp_path / "real.ply").read_bytes() == (tmp_path / "a.ply").read_bytes()
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with ThreadPoolExecutor(1) as pool:
+        read = pool.submit(pipe.read_bytes)
+        write_ply(pipe, vertices, triangles)
+        assert read.result() == (tmp_path / "a.ply").read_bytes()
+    assert pipe.is_fifo()
+
+
+def test_the_longest_file_name_can_be_written(tmp_path: Path) -> None:
+    write_atomically(tmp_path / ("n" * 255), b"x")
+    with pytest.raises(InputError, match="too long") as caught:
+        write_atomically(tmp_path / ("n" * 256), b"x")
+    assert caught.value.code == "cannot_write"
+    assert [path.name for path in tmp_path.iterdir()] == ["n" * 255]

@@ -143,3 +143,46 @@ def expect_one_line(capsys: pytest.CaptureFixture[str], code: str) -> None:
     assert captured.err.startswith("error: ")
     assert captured.err.endswith(f"[{code}]\n")
     assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "effect", ["depth_bias=6", "quantisation=-0.002", "range_noise=-0.001", "sensor_smoothing=-1", "range_noise=1e200"]
+)
+def test_a_picture_that_cannot_be_leaves_nothing(
+    parameters: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], effect: str
+) -> None:
+    depth = tmp_path / "d.png"
+    assert main.run(command(parameters, tmp_path / "o.ply", "--depth", str(depth), "--effect", effect)) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["p.json"]
+
+
+def test_one_file_under_two_names_and_an_id_without_a_set_are_refused(
+    parameters: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "sub").mkdir()
+    out = tmp_path / "o"
+    assert main.run(command(parameters, out, "--depth", str(tmp_path / "sub" / ".." / "o"))) == 2
+    assert "[output_twice]" in capsys.readouterr().err
+    assert main.run(command(parameters, out, "--fabric", "f")) == 2
+    assert "[fabric_without_set]" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_magnets_of_another_size_make_another_drape(parameters: Path, tmp_path: Path) -> None:
+    drapes = []
+    for radius in ("0", "0.01", "0.06"):
+        out = tmp_path / f"{radius}.ply"
+        assert main.run(command(parameters, out, "--pin-radius", radius)) == 0
+        drapes.append(out.read_bytes())
+    assert main.run(command(parameters, tmp_path / "n.ply")) == 0
+    assert (tmp_path / "n.ply").read_bytes() == drapes[1] != drapes[2]
+    assert main.run(command(parameters, tmp_path / "x.ply", "--pin-radius", "0.3")) == 2
+
+
+def test_a_plate_that_cannot_be_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "p.json"
+    path.write_text(json.dumps({**FABRIC, "bending_warp": 1e-3, "bending_weft": 1e-5, "bending_bias": 1e-8}))
+    assert main.run(command(path, tmp_path / "o.ply")) == 0
+    told = capsys.readouterr().err
+    assert "bending_bias of 1e-08" in told and "simulated with 0.0002" in told

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from diagnosis.extension import AppliedEffect
 from renderer.store import RowStatus, Store
 from services.dataset.inspection import inspect_store
-from services.dataset.shard import ShardTask, picture_fault, simulate_and_render, simulate_shard
+from services.dataset.shard import ShardTask, picture_fault, shard_requests, simulate_and_render, simulate_shard
 from services.dataset.sweep import prepare_store
 from services.dataset.worker import ShardWorker
 from simcore.drape import Drape, DrapeStatus
@@ -111,3 +112,20 @@ def test_a_worker_does_not_grow_and_its_pictures_are_small(tmp_path: Path) -> No
     assert len(words) == 40
     assert max(word.rss_bytes for word in words[30:]) - words[10].rss_bytes < 8e6
     assert inspect_store(Store.open(store)).float32_ratio > 5
+
+
+@pytest.mark.parametrize(("effect", "magnitude"), [("dropout", 1.0), ("depth_bias", 8.0)])
+def test_a_picture_that_the_sensor_spoils_is_a_row(effect: str, magnitude: float) -> None:
+    spoilt = CONFIGURATION.model_copy(
+        update={"simulator": (AppliedEffect(name=effect, size={"magnitude": magnitude}),)}
+    )
+    outcome = simulate_and_render(FABRIC, "hanging", 1, spoilt, StubSolver(drape()))
+    assert outcome.status is RowStatus.BAD_RENDER and outcome.reason and not outcome.depth.any()
+
+
+def test_what_a_batch_would_refuse_is_not_asked_of_it() -> None:
+    apart = CONFIGURATION.model_copy(
+        update={"simulator": (AppliedEffect(name="pin_spacing", size={"magnitude": 1.0}),)}
+    )
+    task = ShardTask(0, FABRICS.parameters(range(CONFIGURATION.simulations_per_shard)), {})
+    assert shard_requests(task, apart) == {} and shard_requests(task, CONFIGURATION)

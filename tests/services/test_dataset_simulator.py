@@ -18,6 +18,7 @@ from renderer.camera import CANONICAL_CAMERA
 from renderer.store import Store
 from services.cli.dataset import describe_simulator
 from services.cli.main import run
+from services.cli.simulate import build_scene as simulate_scene
 from services.dataset.configuration import differences
 from services.dataset.extension import build_scene
 from services.dataset.fabrics import plan_sweep
@@ -33,6 +34,7 @@ from tests.services.dataset_rows import made_up_store
 
 HEM = AppliedEffect(name="hem_weight", size={"magnitude": 40.0})
 DRAFT = AppliedEffect(name="air_draft", size={"magnitude": 0.4})
+CLOTH = FabricParameters(1000.0, 800.0, 300.0, 1e-5, 2e-5, 1e-5, 0.2)
 BASE = ["dataset", "--materials", "10", "--jitters", "1", "--inclinations", "2", "--resolution", "0.05", "--seed", "4"]
 SMALL = [*BASE, "--shard-simulations", "3"]
 
@@ -121,7 +123,7 @@ def test_effects_of_every_stage_reach_the_simulation_and_its_pictures() -> None:
         AppliedEffect(name="bending_hysteresis", size={"magnitude": 8.0, "seed": 1.0}),
     ]
     configuration, _ = plan_sweep(materials=1, simulator=effects)
-    first, same, other = (build_scene(configuration, "hanging", seed) for seed in (1, 1, 2))
+    first, same, other = (build_scene(configuration, "hanging", CLOTH, seed) for seed in (1, 1, 2))
     assert first == same
     assert first.setup.pins_m["top_left"][0] == pytest.approx(-0.205)
     assert first.camera == replace(CANONICAL_CAMERA, fx=320.0 * 1.02, fy=320.0 * 1.02)
@@ -137,11 +139,11 @@ def test_magnets_hold_as_the_file_says(tmp_path: Path, capsys: pytest.CaptureFix
     points, _ = plan_sweep(materials=1, simulator=file)
     wide, _ = plan_sweep(materials=1, simulator=SimulatorExtension(effects=(DRAFT,), pin_radius_m=0.02))
     plain, _ = plan_sweep(materials=1)
-    assert [build_scene(c, "stretch", 0).setup.pin_radius_m for c in (points, wide, plain)] == [0.0, 0.02, 0.01]
+    assert [build_scene(c, "stretch", CLOTH, 0).setup.pin_radius_m for c in (points, wide, plain)] == [0.0, 0.02, 0.01]
     assert differences(json.loads(plain.model_dump_json(exclude={"pin_radius_m"})), plain) == []
     assert differences(points.model_dump(mode="json"), plain) == ["pin_radius_m"]
-    assert describe_simulator(points) == "simulated with magnets that hold 0 mm"
-    assert describe_simulator(wide) == "simulated with --effect air_draft=magnitude:0.4 and magnets that hold 20 mm"
+    assert describe_simulator(points) == "simulated with --pin-radius 0"
+    assert describe_simulator(wide) == "simulated with --effect air_draft=magnitude:0.4 --pin-radius 0.02"
     made_up_store(store, *small_sweep(simulator=file))
     SimulatorExtension(effects=(), pin_radius_m=0.02).save(file)
     assert run([*SMALL, "--out", str(store), "--resume", "--simulator", str(file)]) == 2
@@ -171,3 +173,30 @@ def test_a_request_takes_the_same_document() -> None:
     wrong = {**document, "effects": [{"name": "draught", "size": {"magnitude": 1.0}}]}
     with pytest.raises(InputError, match="unknown effect"):
         DatasetInputs.model_validate({"materials": 2, "simulator": wrong}).check()
+
+
+def test_simulate_makes_the_scene_of_a_row_again() -> None:
+    frozen = AppliedEffect(name="bending_hysteresis", size={"magnitude": 10.0, "seed": 1.0})
+    extended = SimulatorExtension(effects=(HEM, frozen), pin_radius_m=0.02)
+    configuration, _ = plan_sweep(materials=1, simulator=extended)
+    said = describe_simulator(configuration)
+    assert said == (
+        "simulated with --effect hem_weight=magnitude:40 --effect bending_hysteresis=magnitude:10 --pin-radius 0.02"
+    )
+    options = [effect.option for effect in configuration.simulator]
+    seed = 2**63 + 11  # as a row's may be
+    _, by_hand = simulate_scene("stretch", options, CLOTH, seed, pictured=False, pin_radius_m=0.02)
+    swept = build_scene(configuration, "stretch", CLOTH, seed)
+    assert (by_hand.setup, by_hand.mechanics) == (swept.setup, swept.mechanics)
+
+
+@pytest.mark.parametrize(
+    ("name", "magnitude", "code"),
+    [("pin_spacing", 1.0, "pins_apart"), ("range_noise", 0.9, "depth_unit"), ("dropout", 1.0, "simulator_blind")],
+)
+def test_effects_that_leave_nothing_to_simulate_or_to_see_are_refused_beforehand(
+    name: str, magnitude: float, code: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        plan_sweep(materials=1, simulator=[AppliedEffect(name=name, size={"magnitude": magnitude})])
+    assert caught.value.code == code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from services.dataset.figures import relief, spearman, write_figures
 from services.dataset.inspection import inspect_store
 from services.dataset.sweep import count_failures, prepare_store
 from services.dataset.validation import validate_store
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 from tests.services.dataset_helpers import small_sweep
 from tests.services.dataset_rows import made_up_store, rows_of
 
@@ -97,3 +98,42 @@ def test_an_unfinished_store_has_nothing_to_show(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="nothing to show"):
         write_figures(Store.open(tmp_path / "s.zarr"), tmp_path / "figures")
     assert inspect_store(Store.open(tmp_path / "s.zarr")).ok == 0
+
+
+@pytest.mark.parametrize("name", ["checksum/c/0/0", "status/zarr.json", "checksum/zarr.json"])
+def test_what_cannot_be_decoded_is_a_fault(store: Path, name: str) -> None:
+    content = (store / name).read_bytes()
+    (store / name).write_bytes(content[: len(content) // 2] if name.endswith(".json") else b"")
+    assert "damaged" in faults(store)
+
+
+@pytest.mark.parametrize("lost", ["configuration", "seed"])
+def test_attributes_that_are_lost_are_faults(store: Path, lost: str) -> None:
+    document = json.loads((store / "zarr.json").read_text())
+    del document["attributes"][lost]
+    (store / "zarr.json").write_text(json.dumps(document))
+    assert f"attribute {lost} is missing" in faults(store)
+
+
+def test_a_store_whose_own_metadata_is_damaged_is_refused_in_one_line(store: Path) -> None:
+    document = json.loads((store / "zarr.json").read_text())
+    layout = document["attributes"].pop("layout")
+    (store / "zarr.json").write_text(json.dumps(document))
+    with pytest.raises(StoreError, match="layout"):
+        Store.open(store)
+    document["attributes"]["layout"] = layout
+    (store / "zarr.json").write_text(json.dumps(document)[:300])
+    with pytest.raises(StoreError, match="damaged"):
+        Store.open(store)
+
+
+def test_a_mark_of_a_shard_that_is_none_is_passed_over(store: Path) -> None:
+    (store / "checksum" / "c" / "9").mkdir()
+    (store / "checksum" / "c" / "9" / "0").write_bytes(b"")
+    assert faults(store) == ""
+
+
+def test_a_damaged_column_is_told_by_inspect(store: Path) -> None:
+    (store / "status" / "c" / "0").write_bytes(b"no such bytes")
+    with pytest.raises(StoreError, match="damaged"):
+        inspect_store(Store.open(store))

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from metric.library import load_library
 from simcore.drape import Drape
 from simcore.errors import DrapemeterError, InputError
-from simcore.mechanics import Mechanics
+from simcore.mechanics import Crease, EdgeCurl, FrozenCurvature, Mechanics
 from simcore.mesh import GridMesh
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
+from simcore.sampling_tables import read_fabric_list
 from simcore.scenes import Scene, Setup
 from simcore.solver import Solver
 
@@ -156,3 +158,31 @@ def test_newton_ends_on_positions_that_are_not_finite() -> None:
     x[2, 2] = math.nan
     rest = Newton(rig.level, NewtonOptions()).minimise(x)
     assert not rest.converged and not rest.stable
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Crease(1.0, position=7.0), ("crease", "0 to 1")),
+        (lambda: Crease(1.0, width_m=0.0), ("crease", "positive")),
+        (lambda: EdgeCurl(10.0, width_m=0.0), ("strip", "positive")),
+        (lambda: EdgeCurl(10.0, width_m=math.nan), ("strip", "positive")),
+        (lambda: FrozenCurvature(10.0, seed=-1), ("seed", "-1")),
+        (lambda: Mechanics(stiffening_strain=1e-200), ("stiffening", "positive")),
+    ],
+)
+def test_rest_curvatures_that_no_sample_has(make: Callable[[], Any], words: tuple[str, ...]) -> None:
+    assert refused(make, *words).code == "mechanics"
+
+
+@pytest.mark.parametrize(
+    ("text", "word"), [("[" * 100_000, "nested"), ('{"density": ' + "1" * 5000 + "}", "digits"), ("{", "line 1")]
+)
+def test_json_that_cannot_be_read(tmp_path: Path, text: str, word: str) -> None:
+    (tmp_path / "p.json").write_text(text)
+    for read in (FabricParameters.load, load_library, read_fabric_list):
+        assert refused(lambda read=read: read(tmp_path / "p.json"), "p.json", word).code == "file_not_json"
+
+
+def test_a_whole_number_that_no_float_holds() -> None:
+    assert refused(lambda: replace(MEDIUM, density=10**400), "density").code == "parameter_out_of_range"

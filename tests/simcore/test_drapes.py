@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -219,8 +220,16 @@ def test_a_drape_is_continued_where_it_hangs(solver: Solver, drapes: Drapes) -> 
 def test_out_of_time_is_said(solver: Solver) -> None:
     drape = solver.solve(FABRICS["soft"], Setup.nominal(Scene.HANGING), time_limit_s=0.0)
     assert drape.status is DrapeStatus.NOT_STILL
-    assert "time" in drape.reason
-    assert not drape.ok
+    assert "time" in drape.reason and "after 0 steps" in drape.reason
+    assert not drape.ok and drape.iterations == 0
+
+
+def test_a_limit_is_kept_while_the_sample_is_put_up(solver: Solver) -> None:
+    storm = Mechanics(air_pressure_pa=1000.0)
+    began = time.process_time()
+    drape = solver.solve(FABRICS["soft"], Setup.nominal(Scene.HANGING), mechanics=storm, time_limit_s=0.5)
+    assert not drape.ok and "time" in drape.reason
+    assert time.process_time() - began < 5.0  # a step or two more; without the limit minutes
 
 
 def test_other_samples_and_no_panel() -> None:

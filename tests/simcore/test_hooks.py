@@ -10,8 +10,10 @@ import pytest
 
 from diagnosis.effects import get_effect
 from diagnosis.scene import SimulationScene
+from simcore.bending import PlateRigidity
 from simcore.drape import Drape
 from simcore.grid import Grid
+from simcore.loads import rest_moments
 from simcore.mechanics import (
     NO_JITTER,
     Crease,
@@ -100,6 +102,25 @@ def test_curvature_left_by_handling_has_the_stated_size_and_no_mesh() -> None:
         assert np.array_equal(a[::4, ::4], b) or np.allclose(a[::4, ::4], b, atol=1e-9)
     other = FrozenCurvature(5.0, seed=5).evaluate(*np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)), (1.0, 1.0))
     assert not np.allclose(other[0], fine[0][:9, :9])
+
+
+@pytest.mark.parametrize("cell", [0.005, 0.01, 0.02, 0.025, 0.05])
+@pytest.mark.parametrize("position", [0.5, 0.55])
+def test_a_crease_has_its_angle_on_any_cells(cell: float, position: float) -> None:
+    count = round(0.5 / cell) + 1
+    grid = Grid(count, count, cell, cell)
+    plate = PlateRigidity.of(STIFF)
+    moments = rest_moments(grid, plate, Mechanics(rest_curvature=(Crease(1.2, position=position),)))
+    assert moments is not None
+    angle = moments[count // 2, :, 0].sum() * cell**2 / (plate.weft * cell * cell) * cell
+    assert angle == pytest.approx(1.2, rel=0.02)
+
+
+@pytest.mark.parametrize("width", [0.025, 0.045])
+def test_an_edge_curl_does_not_fall_between_coarse_vertices(width: float) -> None:
+    grid = Grid(11, 11, 0.05, 0.05)
+    moments = rest_moments(grid, PlateRigidity.of(STIFF), Mechanics(rest_curvature=(EdgeCurl(20.0, width_m=width),)))
+    assert moments is not None and (np.abs(moments[5, [1, 9], 0]).min() > 0.0) == (width > 0.025)
 
 
 # -- weight, draft, tilt, hem ------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, UploadFile
@@ -117,7 +118,8 @@ def _document(
     """The upload as a capture set."""
     if not pictures:
         raise InputError("no picture: send a depth PNG as 'hanging', as 'stretch', or both", code="no_captures")
-    if len(pictures) > 2 * MOST_REPEATS:
+    of_scene = Counter(name.split("-")[0] for name in pictures)
+    if max(of_scene.values()) > MOST_REPEATS:
         raise InputError(f"at most {MOST_REPEATS} pictures of each scene are taken", code="too_many_captures")
     given = parse_json_field(camera, "camera", CameraDocument)
     if given is None:
