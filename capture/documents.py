@@ -6,6 +6,7 @@ other programs' additions survive. A key that was absent stays absent.
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Annotated, Any, Final, Literal
 
@@ -179,7 +180,8 @@ def parse_document(text: str, source: str) -> CaptureSetDocument:
     if not isinstance(value, dict):
         raise InputError(f"{source}: a JSON object in format {FORMAT!r} is needed", code="capture_set_invalid")
     if value.get("format") != FORMAT:
-        given = repr(value.get("format"))[:80]
+        stated = value.get("format")
+        given = type(stated).__name__ if isinstance(stated, dict | list) else json.dumps(stated)[:80]
         raise InputError(
             f"{source}: format is {given}, this version reads {FORMAT!r}: convert the set or write that format",
             code="capture_format_unknown",
@@ -190,6 +192,13 @@ def parse_document(text: str, source: str) -> CaptureSetDocument:
         raise InputError(f"{source}: not valid JSON (nested too deeply)", code="file_not_json") from None
     if place is not None:
         raise InputError(f"{source}: {place} is not a finite number", code="number_not_finite")
+    try:
+        json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError:
+        raise InputError(
+            f"{source}: a text in it holds half a character (\\ud800 to \\udfff): write it whole",
+            code="capture_set_invalid",
+        ) from None
     try:
         document = CaptureSetDocument.model_validate(value)
     except ValidationError as error:
@@ -256,7 +265,8 @@ def _first_not_finite(value: Any, place: str = "") -> str | None:
 
 def _as_input_error(error: ValidationError, source: str) -> InputError:
     """The first complaint of pydantic as one line of ours."""
-    first = error.errors(include_url=False)[0]
+    found = error.errors(include_url=False)
+    first = found[0]
     place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"]).lstrip(".")
     message, code = first["msg"].removeprefix("Value error, "), "capture_set_invalid"
     if place.endswith(".scene") and first["type"] == "literal_error":
@@ -265,6 +275,9 @@ def _as_input_error(error: ValidationError, source: str) -> InputError:
         message = "is missing"
     elif first["type"] == "value_error":
         code = "parameter_out_of_range"
-    others = error.error_count() - 1
+    # a list whose only entry was refused is called too short besides
+    others = sum(
+        other["type"] != "too_short" or other["loc"] != first["loc"][: len(other["loc"])] for other in found[1:]
+    )
     more = f" (and {others} more)" if others else ""
     return InputError(f"{source}: {place}: {message}{more}", code=code)

@@ -78,7 +78,7 @@ def open_atlas(folder: Path) -> DrapeCache:
     if path.exists():
         try:
             there = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
+        except (OSError, ValueError):
             there = None
         if there != here:
             raise InputError(

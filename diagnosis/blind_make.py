@@ -20,6 +20,7 @@ from diagnosis.synthesis import DIAGNOSABLE, SynthesisPlan, make_capture_set, re
 from renderer.atomic import write_atomically
 from simcore.errors import InputError
 from simcore.mechanics import Jitter
+from simcore.mesh import GridMesh
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 from simcore.prior import FabricPrior
 from simcore.scenes import Scene
@@ -63,12 +64,18 @@ class BlindPlan:
         """Refuse plans that cannot be.
 
         Raises:
-            InputError: a number out of range, or an unknown effect.
+            InputError: a number out of range, an unknown effect or none left, a scene twice, or cells that do not
+                divide the sample.
         """
         for name in self.withhold:
             get_effect(name)
         for name in self.scenes:
             Scene.parse(name)
+        if len(set(self.scenes)) < len(self.scenes):
+            raise InputError("give each scene once: hanging, stretch or both", code="blind_plan")
+        if not visible_effects(self):
+            raise InputError("every effect is withheld: leave some in the catalogue", code="no_effects")
+        GridMesh(self.resolution_m)
         if self.cases < 1 or self.fabrics < 1 or self.repeats < 1 or self.pool < self.fabrics or self.seed < 0:
             raise InputError(
                 "a blind check needs at least one case, one fabric, one repeat, a pool no smaller than a set's "
@@ -110,6 +117,11 @@ class Label:
         }
 
 
+def visible_effects(plan: BlindPlan) -> list[Effect]:
+    """What cases may have in them that the diagnosis knows and captures can show."""
+    return [e for name, e in sorted(catalogue().items()) if name not in (*plan.withhold, *INVISIBLE)]
+
+
 def draw_kinds(plan: BlindPlan) -> list[str]:
     """Of all cases; any stretch of :data:`SHUFFLED` cases has the kinds in the same proportions."""
     deck = [kind for kind, count in SHUFFLED.items() for _ in range(count)]
@@ -123,7 +135,7 @@ def draw_kinds(plan: BlindPlan) -> list[str]:
 def draw_label(number: int, plan: BlindPlan) -> Label:
     """Of one case; the effects take turns, so that all come up."""
     rng = np.random.default_rng([plan.seed, number, 77])
-    visible = [e for name, e in sorted(catalogue().items()) if name not in (*plan.withhold, *INVISIBLE)]
+    visible = visible_effects(plan)
     kinds = draw_kinds(plan)
     kind, turn = kinds[number], kinds[:number].count(kinds[number])
     if kind == "named":
@@ -167,7 +179,7 @@ def case_maker(out: Path, plan: BlindPlan, cache: DrapeCache | None = None) -> C
     plan.check()
     manifest = _manifest(plan)
     path = out / MANIFEST_FILE
-    if path.exists() and json.loads(path.read_text(encoding="utf-8")) != manifest:
+    if path.exists() and _read(path) != manifest:
         raise InputError(f"{out} holds a blind check of another plan: give another folder", code="blind_other_plan")
     (out / LABELS_FOLDER).mkdir(parents=True, exist_ok=True)
     write_atomically(path, (json.dumps(manifest, indent=1) + "\n").encode())
@@ -179,6 +191,14 @@ def case_maker(out: Path, plan: BlindPlan, cache: DrapeCache | None = None) -> C
             _make_case(out, case_name(number), number, plan, fabrics, shelf)
 
     return make
+
+
+def _read(path: Path) -> Any:
+    """What a manifest says; None where it cannot be read."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
 
 
 def is_sealed(folder: Path) -> bool:
@@ -237,8 +257,12 @@ def plan_of(manifest: Mapping[str, Any]) -> BlindPlan:
     return BlindPlan(**{**values, "withhold": tuple(values["withhold"]), "scenes": tuple(values["scenes"])})
 
 
+MANIFEST_KEYS = ("cases", "seed", "fabrics", "repeats", "pool", "resolution_m", "withhold", "scenes")
+"""What a manifest says of its check beside the format."""
+
+
 def _manifest(plan: BlindPlan) -> dict[str, Any]:
-    values = {name: getattr(plan, name) for name in ("cases", "seed", "fabrics", "repeats", "pool", "resolution_m")}
+    values = {name: getattr(plan, name) for name in MANIFEST_KEYS}
     return {"format": BLIND_FORMAT, **values, "withhold": list(plan.withhold), "scenes": list(plan.scenes)}
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from capture.capture_set import CAPTURES_FILE, CaptureSet
 from diagnosis.baselines import BASELINES, baseline_answers
-from diagnosis.blind_make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, case_name, is_sealed
+from diagnosis.blind_make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, MANIFEST_KEYS, case_name, is_sealed
 from diagnosis.blind_verify import verify
 from diagnosis.claims import Claims, alone
 from diagnosis.classifier import Classifier, example_parts, features
@@ -210,8 +210,12 @@ def read_manifest(out: Path) -> dict[str, Any]:
         raise InputError(
             f"{out} holds no blind check: make one with `drapemeter blind make N {out}`", code="blind_missing"
         ) from None
-    if manifest.get("format") != BLIND_FORMAT:
-        raise InputError(f"{out}: format {manifest.get('format')!r} is not {BLIND_FORMAT}", code="blind_format")
+    stated = manifest.get("format") if isinstance(manifest, dict) else None
+    if stated != BLIND_FORMAT:
+        raise InputError(f"{out}: format {stated!r} is not {BLIND_FORMAT}", code="blind_format")
+    missing = [key for key in MANIFEST_KEYS if key not in manifest]
+    if missing:
+        raise InputError(f"{out / MANIFEST_FILE} lacks {', '.join(missing)}: make another check", code="blind_format")
     return dict(manifest)
 
 

@@ -72,7 +72,7 @@ class DiagnosisOptions:
         Raises:
             InputError: an unknown name, or none left.
         """
-        names = self.effects or tuple(catalogue())
+        names = tuple(dict.fromkeys(self.effects)) or tuple(catalogue())
         for name in (*names, *self.without):
             get_effect(name)
         left = tuple(name for name in names if name not in self.without)

@@ -7,6 +7,8 @@ import hashlib
 import io
 import json
 import os
+import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,6 +54,10 @@ def drape_key(
     )
 
 
+UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+"""What a damaged file of the cache raises when it is read."""
+
+
 @dataclass(frozen=True)
 class DrapeCache:
     """A folder of drapes; ``folder`` None keeps nothing."""
@@ -75,11 +81,12 @@ class DrapeCache:
             with np.load(self._path(key)) as data:
                 facts = json.loads(str(data["facts"]))
                 vertices = data["vertices"]
-        except (OSError, ValueError, KeyError, EOFError):
+            status = DrapeStatus(facts.pop("status"))
+        except UNREADABLE:
             return None
         if vertices.shape != (mesh.vertex_count, 3):
             return None
-        return Drape(mesh, vertices, DrapeStatus(facts.pop("status")), **facts)
+        return Drape(mesh, vertices, status, **facts)
 
     def put(self, key: str, drape: Drape) -> None:
         """Keep a drape."""
@@ -111,7 +118,7 @@ class DrapeCache:
         try:
             with np.load(self._path(key)) as data:
                 return {name: np.asarray(data[name], dtype=np.float64) for name in data.files}
-        except (OSError, ValueError, KeyError, EOFError):
+        except UNREADABLE:
             return None
 
     def put_arrays(self, key: str, arrays: Mapping[str, NDArray[np.float64]]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -11,6 +12,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.groups import NOT_EFFECTS
 from diagnosis.scene import SimulationScene
 from simcore.errors import InputError
 
@@ -42,6 +44,13 @@ class Component:
     high: float
     signed: bool = False
     unit: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.low < self.high or not math.isfinite(self.high):
+            raise InputError(
+                f"a size from {self.low:g} to {self.high:g}: give two positive numbers, the smaller one first",
+                code="effect_file",
+            )
 
     def draw(self, rng: np.random.Generator) -> float:
         """A size from the prior: log-uniform in the absolute value."""
@@ -115,6 +124,14 @@ class Effect:
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
     where: str = ""
 
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z][a-z0-9_]*", self.name) or self.name in NOT_EFFECTS:
+            raise InputError(
+                f"{self.name!r} cannot be an effect's name: use small letters, digits and _, and none of "
+                f"{', '.join(NOT_EFFECTS)}",
+                code="effect_file",
+            )
+
     @property
     def moves_cloth(self) -> bool:
         """It changes how the cloth comes to rest, the same way in all repeats."""
@@ -131,7 +148,13 @@ class Effect:
         Raises:
             InputError: not finite, or a component that the effect does not have.
         """
-        return self.change(scene, self.size(magnitude))
+        changed: object = self.change(scene, self.size(magnitude))
+        if not isinstance(changed, SimulationScene):
+            raise InputError(
+                f"effect {self.name}: its change gives {type(changed).__name__}, not a scene: return the changed scene",
+                code="effect_file",
+            )
+        return changed
 
     def size(self, magnitude: float | Size) -> dict[str, float]:
         """All components of a magnitude, checked. One number given to a vector sets its first component."""

@@ -23,6 +23,8 @@ from simcore.parameters import FabricParameters
 
 BASE_JITTER = Jitter(force_weights=1.0, pin_m=0.0, placement_m=0.02)
 BASE_SEEDS = {"hanging": 4, "stretch": 2}
+STATED_DENSITY_SIGMA = 0.02
+"""Relative uncertainty of a density that a set states without saying how well it is known."""
 AS_NEAR_AS_BEFORE = 1.1
 AS_NEAR_M = 0.0001
 """A known state that is as near to a capture as to the repeat that led to it needs no search of its own."""
@@ -223,5 +225,5 @@ def see_state(simulator: Simulator, task: FabricTask, scene: SimulationScene, dr
 def relative_sigma(parameters_cv: float | None, density_cv: float | None, fallback: float) -> tuple[float, ...]:
     """Relative uncertainty of the seven parameters; ``fallback`` where none is stated."""
     stretch = fallback if parameters_cv is None else parameters_cv
-    density = 0.02 if density_cv is None else density_cv
+    density = STATED_DENSITY_SIGMA if density_cv is None else density_cv
     return (*[stretch] * 6, density)

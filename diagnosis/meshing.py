@@ -19,6 +19,18 @@ FINEST_M, COARSEST_M = 0.001, 0.1
 FEWEST_CELLS = 4
 
 
+def check_resolution(wanted_m: float) -> None:
+    """Refuse cells that no diagnosis can use.
+
+    Raises:
+        InputError: not a number from :data:`FINEST_M` to :data:`COARSEST_M`.
+    """
+    if not FINEST_M <= wanted_m <= COARSEST_M:
+        raise InputError(
+            f"resolution {wanted_m} m must be from {FINEST_M} to {COARSEST_M} m", code="resolution_out_of_range"
+        )
+
+
 def cell_size(size_m: tuple[float, float], wanted_m: float) -> float:
     """The square cell nearest to what is wanted, of those whole numbers of which fit both edges of a sample [m].
 
@@ -30,8 +42,9 @@ def cell_size(size_m: tuple[float, float], wanted_m: float) -> float:
         wanted_m: edge of a cell.
 
     Raises:
-        InputError: no cell between half and twice the wanted one fits both edges within a hundredth.
+        InputError: a wanted cell out of range, or none between half and twice it fits both edges within a hundredth.
     """
+    check_resolution(wanted_m)
     usable = [
         (max(0.0, misfit - AS_CUT_M), abs(math.log(cell / wanted_m)), cell)
         for cell in {*_candidates(size_m, wanted_m)}

@@ -14,7 +14,7 @@ from diagnosis.shrinkage import Held
 from metric.backends import get_backend
 from metric.render import DrapeRender
 from renderer.camera import Camera
-from simcore.parameters import FabricParameters
+from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 
 SMOOTHING_PX = 2.5
 """A depth sensor's noise would drown every fold in the shading."""
@@ -83,9 +83,11 @@ def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name
 
 
 def refitted(look: FreshLook, deviation: NDArray[np.float64]) -> FabricParameters:
-    """A fabric moved by so many stated standard deviations of its parameters, [7]."""
+    """A fabric moved by so many stated standard deviations of its parameters, [7], as far as there are such fabrics."""
     task = look.result.task
-    return FabricParameters.from_array(task.parameters.as_array() * np.exp(np.asarray(task.relative_sigma) * deviation))
+    moved = task.parameters.as_array() * np.exp(np.asarray(task.relative_sigma) * deviation)
+    low, high = np.array([LIMITS[name] for name in PARAMETER_NAMES]).T
+    return FabricParameters.from_array(np.clip(moved, low, high))
 
 
 def shade(depth: NDArray[np.float32], camera: Camera) -> NDArray[np.uint8]:

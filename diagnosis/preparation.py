@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from capture.capture_set import Capture, CaptureSet
-from capture.documents import FabricDocument, SensorDocument
+from capture.documents import FabricDocument, SensorDocument, SetupDocument
 from capture.normalise import NetworkInput
 from capture.prepare import PreparedCapture, prepare_all
-from diagnosis.fabric_task import CaptureTask, FabricTask, relative_sigma
+from diagnosis.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
 from diagnosis.meshing import cell_size, on_cells
 from diagnosis.scene import SimulationScene, pose_rows
 from renderer.sensor import SensorModel
@@ -45,7 +45,7 @@ def prepare_tasks(
     if not captures.captures:
         raise InputError(f"{captures.folder}: the set lists no captures", code="no_captures")
     prepared = {p.capture.id: p for p in prepare_all(captures.captures)}
-    assumed: list[str] = []
+    assumed = list(not_stated(captures))
     tasks = []
     for fabric_id, fabric in captures.fabrics.items():
         own = captures.of_fabric(fabric_id)
@@ -72,6 +72,27 @@ def prepare_tasks(
     if not all(sensor_known(c) for c in captures.captures):
         assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
     return tasks, assumed
+
+
+def not_stated(captures: CaptureSet) -> Iterator[str]:
+    """In words, what a set leaves open, so that usual values are taken: uncertainties, parts of the set-up."""
+    fabrics = [captures.fabrics[name] for name in dict.fromkeys(c.fabric.id for c in captures.captures)]
+    vague = [f.id for f in fabrics if f.parameters is not None and f.parameters_cv is None]
+    if vague:
+        yield f"parameters_cv is not stated ({', '.join(vague)}): parameters are taken as known to {STATED_SIGMA:.0%}"
+    vague = [f.id for f in fabrics if f.density is not None and f.density_cv is None]
+    if vague:
+        known = f"{STATED_DENSITY_SIGMA:.0%}"
+        yield f"density_cv is not stated ({', '.join(vague)}): densities are taken as known to {known}"
+    pins = sorted({c.scene.value for c in captures.captures if c.pins_from == "nominal"})
+    if pins:
+        yield f"pins_m is not stated ({', '.join(pins)}): pins are taken where they are nominally"
+    common = captures.document.setup or SetupDocument()
+    setups = [common.overridden_by(capture.document.setup) for capture in captures.captures]
+    if any(setup.pin_radius_m is None for setup in setups):
+        yield "pin_radius_m is not stated: magnets are taken to hold 10 mm round a corner"
+    if any(setup.sample_size_m is None for setup in setups):
+        yield "sample_size_m is not stated: samples are taken as 500 x 500 mm"
 
 
 def sensor_model(document: SensorDocument | None, depth_unit_m: float) -> SensorModel:
@@ -111,13 +132,24 @@ def stated_parameters(
 
     What had to be assumed is appended to ``assumed``.
     """
+
+    def usable(name: str, cv: float) -> float:
+        if cv > UNKNOWN_SIGMA:
+            assumed.append(
+                f"fabric {fabric.id}: {name} {cv:g} is taken as {UNKNOWN_SIGMA}, the most that can be used (it is a "
+                "share: 0.07 for 7 %)"
+            )
+        return min(cv, UNKNOWN_SIGMA)
+
     density, density_cv = fabric.density, fabric.density_cv
     if density is None:
         assumed.append(f"fabric {fabric.id}: no density; taken as {TYPICAL_DENSITY_KG_M2} kg/m², give or take a half")
         density, density_cv = TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA
+    if density_cv is not None:
+        density_cv = usable("density_cv", density_cv)
     if fabric.parameters is not None:
         given = fabric.parameters.model_dump()
-        cv = STATED_SIGMA if fabric.parameters_cv is None else fabric.parameters_cv
+        cv = STATED_SIGMA if fabric.parameters_cv is None else usable("parameters_cv", fabric.parameters_cv)
         return FabricParameters.from_mapping({**given, "density": density}), relative_sigma(cv, density_cv, cv)
     found = _estimator().estimate(_inputs(prepared), density)
     spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]
@@ -129,7 +161,7 @@ def stated_parameters(
     )
     sigma = tuple(min(max(value, LEAST_ESTIMATED_SIGMA), UNKNOWN_SIGMA) for value in spread)
     parameters = FabricParameters.from_mapping({**found.parameters, "density": density})
-    return parameters, (*sigma, 0.02 if density_cv is None else density_cv)
+    return parameters, (*sigma, STATED_DENSITY_SIGMA if density_cv is None else density_cv)
 
 
 @cache

@@ -217,7 +217,9 @@ def measure_shrinkage(
     numbers = pixels.measured
     in_numbers = all(get_effect(name).stage in (Stage.CAMERA, Stage.SENSOR) for name in cause.named)
     in_numbers = in_numbers and len(numbers) > 0 and float(np.max(np.abs(numbers))) > PLAIN
-    blocks = [block for fold in folds for block in fold.held]
+    with_numbers = [fold for fold in folds if len(fold.held_pixels.measured)]
+    in_numbers = in_numbers and bool(with_numbers)
+    blocks = [block for fold in (with_numbers if in_numbers else folds) for block in fold.held]
     judged = [b for b in blocks if in_numbers or b.scene == "stretch"] or blocks
     rows: list[Array] = []
     shown: list[Held] = []

@@ -12,6 +12,8 @@ from metric.weights import INSTEAD
 from simcore.errors import MissingResourceError
 from simcore.parameters import FabricParameters
 
+NOT_AFRESH = "nothing was simulated afresh"
+
 
 def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool) -> Shrinkage:
     """The shrinkage with refitted parameters or in depth, and in LPIPS where that is wanted and can be.
@@ -26,7 +28,7 @@ def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool)
     made = measured.shrinkage
     shown = measured.held or measured.seen
     if not looks or not shown:
-        return made
+        return made.model_copy(update={"note": f"not measured in LPIPS: {NOT_AFRESH}"}) if lpips else made
     parameters = tuple(
         RefittedParameters(
             fabric=one.block.fabric,

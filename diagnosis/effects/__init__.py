@@ -6,7 +6,7 @@ import importlib
 import pkgutil
 from collections.abc import Mapping
 from functools import cache
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 
 from diagnosis.effect import Effect
 from simcore.errors import InputError
@@ -17,11 +17,11 @@ def catalogue() -> Mapping[str, Effect]:
     """All effects by name, in alphabetical order.
 
     Raises:
-        InputError: two files give the same name.
+        InputError: a file cannot be imported or has no usable effect, or two give the same name.
     """
     found: dict[str, Effect] = {}
     for module in sorted(pkgutil.iter_modules(__path__), key=lambda m: m.name):
-        effect = getattr(importlib.import_module(f"{__name__}.{module.name}"), "EFFECT", None)
+        effect = getattr(_load(module.name), "EFFECT", None)
         if not isinstance(effect, Effect):
             raise InputError(
                 f"diagnosis/effects/{module.name}.py has no EFFECT: define EFFECT = Effect(...)", code="effect_file"
@@ -30,6 +30,17 @@ def catalogue() -> Mapping[str, Effect]:
             raise InputError(f"two files define the effect {effect.name!r}: rename one", code="effect_duplicate")
         found[effect.name] = effect
     return MappingProxyType(dict(sorted(found.items())))
+
+
+def _load(name: str) -> ModuleType:
+    """An effect's file; whatever is wrong with it is said of it, since users add their own."""
+    try:
+        return importlib.import_module(f"{__name__}.{name}")
+    except Exception as error:
+        said = " ".join(str(error).split()) or "no reason given"
+        raise InputError(
+            f"diagnosis/effects/{name}.py cannot be used: {type(error).__name__}: {said}", code="effect_file"
+        ) from error
 
 
 def get_effect(name: str) -> Effect:

@@ -58,7 +58,11 @@ def make(
         with console.progress("simulating", total=cases) as bar:
             make_blind_check(out, plan, on_case=bar.advance)
     if json_output:
-        console.emit_json({"cases": cases, "out": str(out), "seed": seed, "withhold": list(withhold)})
+        made = 0 if plan_only else cases
+        console.emit_json({"cases": cases, "made": made, "out": str(out), "seed": seed, "withhold": list(withhold)})
+        return
+    if plan_only:
+        console.say(f"the plan of {cases} capture sets is in {out}: `drapemeter blind score {out} --make` makes them")
         return
     console.say(f"{cases} sealed capture sets in {out}")
 

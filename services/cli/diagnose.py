@@ -10,7 +10,7 @@ import typer
 
 from services.cli import console
 from services.cli.options import JSON, SEED_FIXED
-from services.cli.outputs import check_folder, make_folder
+from services.cli.outputs import check_file, check_folder, make_folder
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from diagnosis.diagnose import Diagnosis, DiagnosisOptions
     from diagnosis.drape_cache import DrapeCache
     from diagnosis.isolability import Isolability
+
+
+REPORT, PAGE, ISOLABILITY, SIMULATOR = "report.json", "report.html", "isolability.json", "simulator.json"
+"""What is written into the folder of a report."""
 
 
 def register(app: typer.Typer) -> None:
@@ -33,7 +37,9 @@ def diagnose(
     without: str = typer.Option("", "--without", help="Leave these effects out, comma-separated."),
     resolution: float = typer.Option(0.01, "--resolution", help="Edge of a mesh cell [m]."),
     workers: int = typer.Option(
-        1, "--workers", help="Processes; each takes a fabric at a time, with --build-atlas a fold state."
+        1,
+        "--workers",
+        help="Processes; each takes a fabric at a time, with --build-atlas a fold state; --isolability uses one.",
     ),
     isolability: bool = typer.Option(
         False, "--isolability", help="Only say which effects such captures can tell apart (isolability.json)."
@@ -67,6 +73,7 @@ def diagnose(
     from capture.capture_set import CaptureSet
     from diagnosis.atlas import open_atlas
     from diagnosis.diagnose import DiagnosisOptions
+    from diagnosis.meshing import check_resolution
 
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder for the report", code="output_is_file")
@@ -75,18 +82,36 @@ def diagnose(
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
     if address is not None and not build_atlas:
         raise InputError("--address is for --build-atlas: a diagnosis itself runs here, on --workers", code="address")
+    _check_modes(isolability, build_atlas, apply)
+    check_resolution(resolution)
+    for name in (REPORT, PAGE, ISOLABILITY, SIMULATOR):
+        check_file(out / name)
     options = DiagnosisOptions(_names(effects), _names(without), resolution, workers, afresh, lpips)
     options.chosen()
     captures = CaptureSet.load(capture_set, read_pictures=not (isolability or build_atlas))
     if atlas is not None:
         check_folder(atlas, "give --atlas another folder")
     cache = default_cache() if atlas is None else open_atlas(atlas)
+    if build_atlas and cache.folder is None:
+        raise InputError("DRAPEMETER_CACHE is empty, so nothing would be kept: give --atlas", code="atlas_missing")
     if build_atlas:
         _build(captures, options, cache, address, json_output)
     elif isolability:
         _isolability(captures, options, cache, out, json_output)
     else:
         _diagnose(captures, options, cache, out, apply, json_output)
+
+
+def _check_modes(isolability: bool, build_atlas: bool, apply: bool) -> None:
+    """Refuse options of which one would be passed over.
+
+    Raises:
+        InputError: two that exclude each other.
+    """
+    if isolability and build_atlas:
+        raise InputError("give --isolability or --build-atlas, one after the other", code="options_exclude")
+    if apply and (isolability or build_atlas):
+        raise InputError("--apply writes what a diagnosis found: leave it out here", code="options_exclude")
 
 
 def default_cache() -> DrapeCache:
@@ -115,17 +140,20 @@ def _diagnose(
         found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
     make_folder(out, "give another folder for the report")
     page = render_html(found, captures.document.name or captures.folder.name)
-    write_atomically(out / "report.html", page.encode())
+    write_atomically(out / PAGE, page.encode())
     document = found.report.as_json()
-    write_atomically(out / "report.json", (json.dumps(document, indent=1) + "\n").encode())
+    write_atomically(out / REPORT, (json.dumps(console.to_plain(document), indent=1, allow_nan=False) + "\n").encode())
     if apply:
-        SimulatorExtension.of(found.report, found.pin_radius_m).save(out / "simulator.json")
+        SimulatorExtension.of(found.report, found.pin_radius_m).save(out / SIMULATOR)
+    elif (out / SIMULATOR).exists():
+        (out / SIMULATOR).unlink()
+        console.note(f"{out / SIMULATOR} was of an earlier report and is gone: --apply writes this one's")
     if json_output:
         console.emit_json(document)
         return
     console.say(sentence(found))
     _say_probabilities(found)
-    console.say(f"{out / 'report.json'}, {out / 'report.html'}")
+    console.say(f"{out / REPORT}, {out / PAGE}")
 
 
 def _say_probabilities(found: Diagnosis) -> None:
@@ -166,7 +194,7 @@ def _isolability(
         found = analyse(captures, options.chosen(), options.resolution_m, cache, bar.advance)
     document = _isolability_json(found)
     make_folder(out, "give another folder for the report")
-    write_atomically(out / "isolability.json", (json.dumps(document, indent=1) + "\n").encode())
+    write_atomically(out / ISOLABILITY, (json.dumps(document, indent=1) + "\n").encode())
     if json_output:
         console.emit_json(document)
         return
@@ -177,7 +205,7 @@ def _isolability(
     for pair in found.confused():
         if pair.effect not in found.invisible():
             console.say(f"  {pair.effect:20s} as {pair.other:20s} {pair.share:.2f} left; {remedy(pair)}")
-    console.say(f"{out / 'isolability.json'}")
+    console.say(f"{out / ISOLABILITY}")
 
 
 def _isolability_json(found: Isolability) -> dict[str, Any]:

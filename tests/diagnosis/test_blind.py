@@ -11,11 +11,13 @@ from typing import Any
 import pytest
 
 from diagnosis.blind_make import (
+    BLIND_FORMAT,
     LABELS_FOLDER,
     MANIFEST_FILE,
     SHARED_BY,
     SHUFFLED,
     BlindPlan,
+    case_maker,
     draw_kinds,
     draw_label,
     is_sealed,
@@ -25,6 +27,7 @@ from diagnosis.blind_page import render_page
 from diagnosis.blind_score import REPORTS_FOLDER, Answer, open_label, open_labels, read_manifest, same, score
 from diagnosis.claims import Claims, alone
 from diagnosis.drape_cache import DrapeCache
+from diagnosis.effects import catalogue
 from simcore.errors import InputError
 
 PLAN = BlindPlan(1, 3, fabrics=1, repeats=1, pool=1, resolution_m=0.02, scenes=("stretch",))
@@ -118,20 +121,37 @@ def test_all_visible_effects_come_up() -> None:
     assert len(drawn) >= 20
 
 
-@pytest.mark.parametrize("plan", [BlindPlan(0, 1), BlindPlan(1, 1, pool=2), BlindPlan(1, 1, withhold=("wind",))])
-def test_plans_that_cannot_be_are_refused(plan: BlindPlan) -> None:
+@pytest.mark.parametrize(
+    "plan",
+    [
+        BlindPlan(0, 1),
+        BlindPlan(1, 1, pool=2),
+        BlindPlan(1, 1, withhold=("wind",)),
+        BlindPlan(1, 1, withhold=tuple(catalogue())),
+        BlindPlan(1, 1, scenes=("hanging", "hanging")),
+        BlindPlan(1, 1, resolution_m=0.0),
+        BlindPlan(1, 1, resolution_m=0.013),
+    ],
+)
+def test_plans_that_cannot_be_are_refused_and_leave_nothing(plan: BlindPlan, tmp_path: Path) -> None:
     with pytest.raises(InputError):
-        plan.check()
+        case_maker(tmp_path, plan)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_folders_without_a_check_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         read_manifest(tmp_path)
     assert caught.value.code == "blind_missing"
-    (tmp_path / MANIFEST_FILE).write_text('{"format": "other/1"}')
+    for text in ('{"format": "other/1"}', "[]", json.dumps({"format": BLIND_FORMAT, "cases": 1})):
+        (tmp_path / MANIFEST_FILE).write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_manifest(tmp_path)
+        assert caught.value.code == "blind_format"
+    (tmp_path / MANIFEST_FILE).write_text("{")
     with pytest.raises(InputError) as caught:
-        read_manifest(tmp_path)
-    assert caught.value.code == "blind_format"
+        case_maker(tmp_path, BlindPlan(1, 1))
+    assert caught.value.code == "blind_other_plan"
 
 
 def test_a_group_of_cases_belongs_to_one_of_several_processes(tmp_path: Path) -> None:

@@ -140,3 +140,23 @@ def test_pictures_in_whole_millimetres_are_not_called_quantised(
     report = diagnose(captures, options, cache=shelf).report
     assert report.cause.top == "none"
     assert report.cause.probabilities["quantisation"] < 0.05
+
+
+def test_usual_values_that_are_taken_are_said(altered: Callable[[Change], CaptureSet]) -> None:
+    def silent(value: dict[str, Any]) -> None:
+        value["setup"] = {"camera_from_panel": value["setup"]["camera_from_panel"]}
+        value["fabrics"][0].pop("parameters_cv", None)
+        value["fabrics"][1].pop("density_cv", None)
+
+    _, assumed = tasks_of(altered(silent))
+    assert "parameters_cv is not stated (f1): parameters are taken as known to 7%" in assumed
+    assert "density_cv is not stated (f2): densities are taken as known to 2%" in assumed
+    assert "pins_m is not stated (stretch)" in assumed
+    assert "pin_radius_m is not stated: magnets are taken to hold 10 mm" in assumed
+    assert "sample_size_m is not stated: samples are taken as 500 x 500 mm" in assumed
+
+
+def test_an_uncertainty_in_percent_is_cut_and_said(altered: Callable[[Change], CaptureSet]) -> None:
+    tasks, assumed = tasks_of(altered(lambda value: value["fabrics"][0].update(parameters_cv=7, density_cv=2)))
+    assert tasks[0].relative_sigma == (0.8,) * 7
+    assert "fabric f1: parameters_cv 7 is taken as 0.8" in assumed and "density_cv 2 is taken as 0.8" in assumed

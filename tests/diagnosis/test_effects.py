@@ -183,6 +183,33 @@ def test_a_file_without_an_effect_is_refused(add: Add) -> None:
     assert caught.value.code == "effect_file"
 
 
+@pytest.mark.parametrize(
+    ("text", "change", "said"),
+    [
+        ("pin_height", "un known", "cannot be an effect's name"),
+        ('name="pin_height"', 'name="unknown"', "cannot be an effect's name"),
+        ("scalar(0.002, 0.010", "scalar(0.0, 0.010", "two positive numbers"),
+        ("scalar(0.002, 0.010", "scalar(0.010, 0.002", "two positive numbers"),
+        ("from diagnosis.scene", "import no_such_module\nfrom diagnosis.scene", "pin_height.py cannot be used"),
+        ("EFFECT = ", "EFFECT := ", "pin_height.py cannot be used: SyntaxError"),
+    ],
+)
+def test_files_that_cannot_be_used_are_named(add: Add, repository: Path, text: str, change: str, said: str) -> None:
+    whole = example(repository)
+    assert text in whole
+    add("pin_height", whole.replace(text, change))
+    with pytest.raises(InputError, match=said) as caught:
+        catalogue()
+    assert caught.value.code == "effect_file"
+
+
+def test_a_change_that_gives_no_scene_is_told(add: Add, repository: Path) -> None:
+    add("pin_height", re.sub(r"    return .*", "    pass", example(repository)))
+    with pytest.raises(InputError, match="return the changed scene") as caught:
+        get_effect("pin_height").apply(scene(), 0.004)
+    assert caught.value.code == "effect_file"
+
+
 def test_two_files_with_one_name_are_refused(add: Add, repository: Path) -> None:
     add("pin_height", example(repository).replace('"pin_height"', '"pin_drop"'))
     with pytest.raises(InputError, match="two files define the effect 'pin_drop'") as caught:

@@ -16,7 +16,9 @@ from diagnosis.drape_cache import DrapeCache
 from diagnosis.fabric_task import CaptureTask, FabricTask
 from diagnosis.preparation import prepare_tasks
 from diagnosis.scene import SimulationScene
+from simcore.drape import Drape, DrapeStatus
 from simcore.errors import InputError
+from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
 from tests.diagnosis.conftest import CANDIDATES, Diagnose, MakeSet
@@ -100,3 +102,24 @@ def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     missed = 12 + 12 + 3  # more samples put up, their magnets brought home, the nearest led on
     assert found.most_simulations == put_up + parameters + pins + draft + beside + led + looked_at + pairs + missed
     assert found.simulations == put_up + parameters + pins + draft + led + 3
+
+
+def test_an_effect_named_twice_is_tried_once() -> None:
+    assert DiagnosisOptions(effects=("crease", "hem_weight", "crease")).chosen() == ("crease", "hem_weight")
+
+
+def test_damaged_files_of_the_cache_count_as_absent(tmp_path: Path) -> None:
+    cache = DrapeCache(tmp_path)
+    mesh = GridMesh(0.05)
+    flat = np.column_stack([mesh.material_coordinates, np.zeros(mesh.vertex_count)])
+    cache.put("aa-drape", Drape(mesh, flat, DrapeStatus.STILL, 1e-4, -0.1, True, 7, 0.1, ""))
+    cache.put_arrays("aa-arrays", {"height": flat})
+    whole = {path: path.read_bytes() for path in tmp_path.rglob("*.npz")}
+    assert len(whole) == 2 and cache.get("aa-drape", mesh) is not None
+    for path, content in whole.items():
+        middle = len(content) // 2
+        for damaged in (b"", content[:30], content[:middle], content[:middle] + bytes(60) + content[middle + 60 :]):
+            path.write_bytes(damaged)
+            assert cache.get("aa-drape", mesh) is None or path.stem != "aa-drape"
+            assert cache.get_arrays("aa-arrays") is None or path.stem != "aa-arrays"
+        path.write_bytes(content)

@@ -53,3 +53,10 @@ def test_a_coarse_mesh_that_no_edge_fits_is_refused() -> None:
 def test_a_second_sample_of_another_size_is_refused_where_its_fabric_has_other_cells() -> None:
     with pytest.raises(InputError, match="give samples of two sizes as two fabrics"):
         on_cells(Setup.nominal("hanging", sample_size_m=(0.21, 0.144)), 0.01)
+
+
+@pytest.mark.parametrize("wanted", [0.0, -0.01, 0.0005, 1e-5, 0.2, float("nan"), float("inf")])
+def test_cells_that_no_diagnosis_can_use_are_refused_at_once(wanted: float) -> None:
+    with pytest.raises(InputError) as caught:
+        cell_size((0.5, 0.5), wanted)
+    assert caught.value.code == "resolution_out_of_range"

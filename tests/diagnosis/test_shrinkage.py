@@ -17,7 +17,7 @@ from diagnosis.cause import Cause
 from diagnosis.diagnose import Diagnosis, make_blocks
 from diagnosis.evidence import Evidence
 from diagnosis.fabric_task import FabricResult
-from diagnosis.folds import folds_of
+from diagnosis.folds import Fold, folds_of
 from diagnosis.html import render_html
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.noise import NoiseModel
@@ -27,7 +27,7 @@ from diagnosis.shrinkage_report import complete
 from metric.render import DrapeRender
 from metric.weights import INSTEAD
 from simcore.errors import MissingResourceError
-from tests.diagnosis.conftest import Diagnose, MakeSet
+from tests.diagnosis.conftest import CANDIDATES, Diagnose, MakeSet
 
 NOISE = NoiseModel()
 
@@ -206,3 +206,26 @@ def test_pictures_come_nearer_with_the_effect_and_without_weights_the_note_says_
     without = complete(measured, diagnosis.looks, lpips=True)
     assert without.perceived is None
     assert without.note == "not measured in LPIPS: weights of LPIPS are missing"
+
+
+def test_parts_without_shared_numbers_are_not_judged_by_them(
+    noisy: CaptureSet, explain: Diagnose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a set whose captures differ in what is stated, some parts may share no number: they say nothing, not NaN."""
+    found = explain(noisy)
+    assert found.cause.named == ("range_noise",)
+    kept = list(found.results)
+    folds = folds_of(kept, list(found.blocks), NOISE)
+    dumb = replace(folds[0].held_pixels, measured=np.zeros(0), responses={})
+
+    def measured(parts: list[Fold]) -> Measured:
+        shrunk = shrinkage.measure_shrinkage(found.cause, CANDIDATES, parts, found.pixels, LikelihoodModel())
+        assert shrunk is not None
+        return shrunk
+
+    whole, part = measured(folds), measured([replace(folds[0], held_pixels=dumb), *folds[1:]])
+    assert whole.shrinkage.unit == part.shrinkage.unit == "standard deviations"
+    assert set(part.shrinkage.held_out) < set(whole.shrinkage.held_out)
+    assert math.isfinite(part.shrinkage.before) and math.isfinite(part.shrinkage.control.after)
+    none = measured([replace(fold, held_pixels=dumb) for fold in folds])
+    assert none.shrinkage.unit == "mm" and math.isfinite(none.shrinkage.before)

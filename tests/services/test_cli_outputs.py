@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from diagnosis.blind_make import BLIND_FORMAT, MANIFEST_FILE
+from diagnosis.blind_make import BLIND_FORMAT, MANIFEST_FILE, MANIFEST_KEYS
 from services.cli import main
 from services.cli.outputs import check_file, check_folder
 from simcore.errors import InputError
@@ -44,14 +44,14 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("DRAPEMETER_DATABASE", f"sqlite:///{tmp_path / 'd.db'}")
     (tmp_path / "file").write_text("in the way")
-    for name in ("in.md", "in.csv", "in.png", "check", "frames"):
-        (tmp_path / name).mkdir()
+    for name in ("in.md", "in.csv", "in.png", "check", "frames", "taken/report.json"):
+        (tmp_path / name).mkdir(parents=True)
     (tmp_path / "p.json").write_text(json.dumps(FABRIC))
     (tmp_path / "library.json").write_text(json.dumps([{"id": "a", **FABRIC}]))
     camera = {"width": 8, "height": 8, "fx": 8.0, "fy": 8.0, "cx": 3.5, "cy": 3.5, "depth_unit_m": 1e-4}
     (tmp_path / "camera.json").write_text(json.dumps(camera))
     (tmp_path / "frames" / "0.png").touch()
-    manifest = {"format": BLIND_FORMAT, "cases": 1, "withhold": []}
+    manifest = {"format": BLIND_FORMAT, **dict.fromkeys(MANIFEST_KEYS), "cases": 1, "withhold": []}
     (tmp_path / "check" / MANIFEST_FILE).write_text(json.dumps(manifest))
     add(tmp_path / "set", density=0.2)
     for name in WORK:
@@ -67,6 +67,13 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("diagnose set --out file/report --build-atlas", "folder_unusable"),
         ("diagnose set --out file", "output_is_file"),
         ("diagnose set --out report --atlas file/atlas --build-atlas", "folder_unusable"),
+        ("diagnose set --out taken", "output_is_folder"),
+        ("diagnose set --out report --isolability --build-atlas", "options_exclude"),
+        ("diagnose set --out report --isolability --apply", "options_exclude"),
+        ("diagnose set --out report --resolution 0", "resolution_out_of_range"),
+        ("diagnose set --out report --resolution nan --isolability", "resolution_out_of_range"),
+        ("blind make 1 new --resolution 0.013", "resolution_does_not_divide"),
+        ("blind make 1 new --scenes hanging,hanging --plan-only", "blind_plan"),
         ("blind make 1 file/check", "folder_unusable"),
         ("blind score check --page file/page.md", "folder_unusable"),
         ("blind score check --page in.md", "output_is_folder"),
