@@ -22,7 +22,8 @@ RUN /opt/drapemeter/bin/pip install --no-deps --no-build-isolation .
 
 FROM ${PYTHON_IMAGE}
 COPY scripts/system-packages.sh /usr/local/sbin/system-packages
-RUN system-packages && rm -rf /var/lib/apt/lists/* \
+# rsync: Ray's cluster launcher copies its files with it; wget: KubeRay's probes ask with it
+RUN system-packages && apt-get install --yes --no-install-recommends rsync wget && rm -rf /var/lib/apt/lists/* \
     && useradd --uid 10001 --create-home --home-dir /var/lib/drapemeter drapemeter
 COPY --from=build /opt/drapemeter /opt/drapemeter
 ENV PATH=/opt/drapemeter/bin:$PATH PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 RAY_USAGE_STATS_ENABLED=0

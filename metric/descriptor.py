@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import zipfile
+import zlib
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -79,14 +81,17 @@ class DescriptorStore:
 
     Attributes:
         folder: one file a fabric; None for memory alone.
+        most: descriptors held in memory where a folder keeps the others; those not used for longest go first.
     """
 
     folder: Path | None = None
-    _memory: dict[str, FabricDescriptor] = field(default_factory=dict)
+    most: int = 256
+    _memory: OrderedDict[str, FabricDescriptor] = field(default_factory=OrderedDict)
 
     def load(self, key: str) -> FabricDescriptor | None:
         """A kept descriptor, or None."""
         if key in self._memory:
+            self._memory.move_to_end(key)
             return self._memory[key]
         if self.folder is None:
             return None
@@ -96,14 +101,14 @@ class DescriptorStore:
                     {Scene(n.split("-")[1]): data[n] for n in data.files if n.startswith("sketches-")},
                     {Scene(n.split("-")[1]): data[n] for n in data.files if n.startswith("picture-")},
                 )
-        except (FileNotFoundError, zipfile.BadZipFile, EOFError, KeyError, ValueError):
+        except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
             return None
-        self._memory[key] = found
+        self._hold(key, found)
         return found
 
     def save(self, key: str, descriptor: FabricDescriptor) -> None:
         """Keep a descriptor."""
-        self._memory[key] = descriptor
+        self._hold(key, descriptor)
         if self.folder is None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -112,3 +117,8 @@ class DescriptorStore:
         with tempfile.NamedTemporaryFile(dir=self.folder, suffix=".part", delete=False) as stream:
             np.savez(stream, allow_pickle=False, **arrays, **pictures)
         Path(stream.name).replace(self.folder / f"{key}.npz")
+
+    def _hold(self, key: str, descriptor: FabricDescriptor) -> None:
+        self._memory[key] = descriptor
+        while self.folder is not None and len(self._memory) > self.most:
+            self._memory.popitem(last=False)

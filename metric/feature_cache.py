@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import tempfile
@@ -90,7 +91,12 @@ class FeatureCache:
     def _trim_folder(self) -> None:
         if self.folder is None or not self.folder.is_dir():
             return
-        found = sorted((p.stat().st_mtime, p.stat().st_size, p) for p in self.folder.glob("*.npy"))
+        found = []
+        for kept in self.folder.glob("*.npy"):
+            with contextlib.suppress(FileNotFoundError):  # another process that keeps its features here removed it
+                facts = kept.stat()
+                found.append((facts.st_mtime, facts.st_size, kept))
+        found.sort()
         total = sum(size for _, size, _ in found)
         for _, size, path in found:
             if total <= self._disk_bytes:

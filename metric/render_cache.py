@@ -6,6 +6,7 @@ import hashlib
 import os
 import tempfile
 import zipfile
+import zlib
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -53,7 +54,7 @@ class RenderCache:
                     panel_depth_m=float(data["panel_depth_m"]),
                 )
                 return RequestResult(request, render, tuple(str(f) for f in data["failures"]))
-        except (FileNotFoundError, zipfile.BadZipFile, EOFError, KeyError, ValueError):
+        except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
             return None
 
     def save(self, result: RequestResult) -> None:

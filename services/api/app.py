@@ -10,7 +10,7 @@ from starlette.routing import Route
 
 from services.api.inference import Inference
 from services.api.metrics import Metrics
-from services.api.middleware import BodyLimit, RequestRecord
+from services.api.middleware import PLAIN_BODY_BYTES, BodyLimit, KeyFirst, RequestRecord
 from services.api.openapi import install_openapi
 from services.api.problems import install_problem_handlers
 from services.api.routes import (
@@ -66,6 +66,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.api_routes = [route for router in ROUTERS for route in router.routes if isinstance(route, Route)]
     install_problem_handlers(app)
     install_openapi(app)
-    app.add_middleware(BodyLimit, limit=settings.max_request_bytes)
+    app.add_middleware(KeyFirst, state=app.state.service)
+    app.add_middleware(BodyLimit, limit=settings.max_request_bytes, plain_limit=PLAIN_BODY_BYTES)
     app.add_middleware(RequestRecord, metrics=metrics)
     return app

@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 
 from fastapi import Depends, Request, Security
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from fastapi.security.utils import get_authorization_scheme_param
 
 from services.api.keys import any_key, find_key, note_use
 from services.api.problems import ProblemError
@@ -18,6 +19,8 @@ from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.db.base import utc_now
 
+CALLER = "drapemeter.caller"
+"""Where the middleware leaves the caller in a request's scope."""
 LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
 NOTE_USE_EVERY = timedelta(minutes=1)
 
@@ -57,16 +60,27 @@ EVERYBODY = Caller(None, frozenset(ApiScope))
 def get_caller(
     request: Request,
     state: Annotated[ServiceState, Depends(get_state)],
-    credentials: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)],
+    _: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)],
 ) -> Caller:
-    """The caller of a request.
+    """The caller of a request, whom the middleware has found already.
+
+    Raises:
+        ProblemError: 401 when a key is needed and none, or no valid one, is there.
+    """
+    found: Caller | None = request.scope.get(CALLER)
+    return identify(request, state) if found is None else found
+
+
+def identify(request: Request, state: ServiceState) -> Caller:
+    """Who sends a request, by its headers alone.
 
     Raises:
         ProblemError: 401 when a key is needed and none, or no valid one, is there.
     """
     challenge = {"WWW-Authenticate": "Bearer"}
+    scheme, token = get_authorization_scheme_param(request.headers.get("authorization"))
     with state.database.read() as session:
-        if credentials is None:
+        if scheme.lower() != "bearer" or not token:
             if "authorization" in request.headers:
                 raise ProblemError(401, "key_invalid", "send the key as 'Authorization: Bearer dm_...'", challenge)
             if not state.settings.guarded and not any_key(session):
@@ -76,7 +90,7 @@ def get_caller(
                 "an API key is needed: 'drapemeter keys create' makes one; send it as 'Authorization: Bearer dm_...'"
             )
             raise ProblemError(401, "key_missing", detail, challenge)
-        key = find_key(session, credentials.credentials)
+        key = find_key(session, token)
     if key is None:
         raise ProblemError(
             401, "key_invalid", "the API key is unknown, revoked or expired: ask for a new one", challenge

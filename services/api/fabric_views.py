@@ -44,7 +44,9 @@ class FabricInput(Strict):
     name: LongText
     parameters: Parameters
     plm_ref: PlmRef | None = None
-    model_version: LongText | None = Field(default=None, description="The model, when the parameters were estimated.")
+    model_version: LongText | None = Field(
+        default=None, max_length=120, description="The model, when the parameters were estimated."
+    )
     attributes: dict[ShortText, LongText] = Field(default_factory=dict, max_length=50, description="Anything else.")
 
 

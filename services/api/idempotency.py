@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from http import HTTPStatus
 from typing import Annotated, Any
 
 from fastapi import Header
@@ -96,8 +97,10 @@ class Once:
                 if self.key is not None:
                     session.add(self._record(self.key, answer))
             return answer.response()
-        except IntegrityError:
+        except (IntegrityError, ProblemError) as error:
             # The same request at the same moment was first; ours is undone. Without a key it is not about that.
+            if isinstance(error, ProblemError) and error.status_code != HTTPStatus.CONFLICT:
+                raise
             earlier = self.earlier()
             if earlier is None:
                 raise

@@ -11,7 +11,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DataError, OperationalError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match, Route
 
@@ -109,6 +109,7 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(DrapemeterError, _on_own_error)
     app.add_exception_handler(OperationalError, _on_database_error)
+    app.add_exception_handler(DataError, _on_refused_data)
     app.add_exception_handler(Exception, _on_unforeseen)
 
 
@@ -151,6 +152,12 @@ async def _on_database_error(request: Request, error: Exception) -> JSONResponse
     log.error("database_failed", error=str(error))
     detail = "the database does not answer: try again in a moment"
     return problem_response(503, "database_unreachable", detail, request.url.path, headers={"Retry-After": "5"})
+
+
+async def _on_refused_data(request: Request, error: Exception) -> JSONResponse:
+    log.error("database_refused", error=str(error))
+    detail = "a text or number is longer or larger than the database takes: shorten it"
+    return problem_response(422, "validation_failed", detail, request.url.path)
 
 
 async def _on_unforeseen(request: Request, error: Exception) -> JSONResponse:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from typing import TYPE_CHECKING
 
 import typer
@@ -82,6 +83,7 @@ def create(
 
 def list_(database: str | None = DATABASE, seed: int = SEED_UNUSED, as_json: bool = JSON) -> None:
     from services.api.keys import list_keys
+    from services.db.base import utc_now
 
     with _open(database) as opened, opened.read() as session:
         keys = list_keys(session)
@@ -89,7 +91,8 @@ def list_(database: str | None = DATABASE, seed: int = SEED_UNUSED, as_json: boo
         console.emit_json({"keys": keys})
         return
     for key in keys:
-        state = "revoked" if key.revoked_at else f"last used {key.last_used_at or 'never'}"
+        expired = key.expires_at is not None and datetime.fromisoformat(key.expires_at) <= utc_now()
+        state = "revoked" if key.revoked_at else "expired" if expired else f"last used {key.last_used_at or 'never'}"
         console.say(f"{key.prefix}  {key.name}  {state}  {','.join(key.scopes)}")
 
 

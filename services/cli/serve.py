@@ -60,10 +60,10 @@ def serve(
     if migrate:
         _migrate(settings, as_json)
     elif worker_only:
-        from services.jobs.processes import run_worker
+        from services.jobs.processes import run_workers
 
         _prepare_database(settings)
-        run_worker(settings)
+        run_workers(settings)
     else:
         from services.api.server import run_server
 

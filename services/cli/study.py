@@ -81,7 +81,14 @@ def make(
         raise InputError(f"--shared must be from 0 to --triplets, {triplets}; got {shared}", code="triplets_shared")
     with open_database(database) as opened:
         entries = _entries(
-            library, photographs, triplets, simulations=simulations, resolution=resolution, seed=seed, workers=workers
+            name,
+            library,
+            photographs,
+            triplets,
+            simulations=simulations,
+            resolution=resolution,
+            seed=seed,
+            workers=workers,
         )
         check_plan(len(entries), triplets)
         store = create_study(opened, name, entries, triplets=triplets, shared=shared, seed=seed)
@@ -216,13 +223,15 @@ def export(
         console.say(f"{len(rows)} answers in {out}")
 
 
-def _entries(library: Path | None, photographs: Path | None, triplets: int, **plan: Any) -> list[StudyEntry]:
-    """What is shown of each fabric; whether so many fabrics can be asked about is checked before simulating."""
+def _entries(name: str, library: Path | None, photographs: Path | None, triplets: int, **plan: Any) -> list[StudyEntry]:
+    """What is shown of each fabric; names and whether so many can be asked about are checked before simulating."""
     from metric.library import load_library
     from metric.triplets import check_plan
+    from services.web.study_create import check_names
     from services.web.study_pictures import entries_from_library, entries_from_photographs
 
     known = load_library(library) if library is not None else []
+    check_names(name, [fabric.id for fabric in known])
     if photographs is not None:
         return entries_from_photographs(photographs, known)
     if not known:

@@ -97,10 +97,12 @@ def _matrices(store: StudyStore, names: list[str], plan: SimulationPlan) -> dict
     from services.cli.metric_options import caches
     from simcore.parameters import FabricParameters
 
+    chosen = [get_backend(name) for name in names]
     if any(fabric.parameters is None for fabric in store.fabrics):
+        if chosen:
+            console.note("parameters of some fabrics are unknown: no metric is compared with people")
         return {}
     fabrics = [FabricParameters.from_mapping(f.parameters or {}) for f in store.fabrics]
-    chosen = [get_backend(name) for name in names]
     found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
     if not chosen:
         return found

@@ -54,6 +54,8 @@ def compare(
     if simulations < 2:
         raise InputError("the comparison needs at least 2 simulations of each fabric", code="simulations_out_of_range")
     chosen = [_backend(name.strip(), model) for name in backends.split(",") if name.strip()]
+    if not chosen:
+        raise InputError("--backends names none: give at least one image distance", code="backends_missing")
     if out is not None:
         make_folder(out, "name a folder that can be written to")
     sweeps = default_sweeps(steps)

@@ -28,16 +28,17 @@ def parse_url(text_url: str) -> URL:
     """
     try:
         url = make_url(text_url)
-    except ArgumentError:
+    except (ArgumentError, ValueError):
         raise InputError(
             "the database URL cannot be read: give sqlite:///drapemeter.db or postgresql://user:password@host/name",
             code="database_url",
         ) from None
     if url.drivername in {"postgres", "postgresql"}:
         url = url.set(drivername="postgresql+psycopg")
-    if url.get_backend_name() not in {"sqlite", "postgresql"}:
+    if url.drivername not in {"sqlite", "sqlite+pysqlite", "postgresql+psycopg"}:
         raise InputError(
-            f"database {url.get_backend_name()!r} is not supported: use SQLite or PostgreSQL", code="database_url"
+            f"database {url.drivername!r} is not supported: use SQLite (sqlite:///...) or PostgreSQL (postgresql://...)",
+            code="database_url",
         )
     if url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}:
         raise InputError(

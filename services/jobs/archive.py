@@ -8,7 +8,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -18,6 +18,7 @@ CAPTURES_FILE = "captures.json"
 MOST_ENTRIES = 5000
 MOST_JSON_BYTES = 8 * 1024 * 1024
 SUFFIXES = frozenset({".json", ".png"})
+MOST_NAME_BYTES = 200
 BLOCK = 256 * 1024
 DAMAGE = (
     zipfile.BadZipFile,
@@ -60,6 +61,24 @@ def read_captures_json(content: bytes, limits: ArchiveLimits) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError:
         raise InputError(f"{CAPTURES_FILE} in the archive is not UTF-8 text", code="file_unreadable") from None
+
+
+def beginnings(content: bytes, limits: ArchiveLimits, names: Collection[str], count: int) -> dict[str, bytes]:
+    """The first ``count`` bytes of some files in an archive, by names relative to the folder of ``captures.json``.
+
+    Raises:
+        InputError: no usable archive; see :func:`unpack`.
+    """
+    found = {}
+    with _open(content) as archive:
+        for entry in _entries(archive, limits):
+            if entry.name in names:
+                try:
+                    with archive.open(entry.info) as stream:
+                        found[entry.name] = stream.read(count)
+                except DAMAGE as error:
+                    raise _damaged(entry, error) from None
+    return found
 
 
 def names_in(content: bytes, limits: ArchiveLimits) -> frozenset[str]:
@@ -125,6 +144,9 @@ def _entries(archive: zipfile.ZipFile, limits: ArchiveLimits) -> list[_Entry]:
     ]
     if len({entry.name for entry in entries}) != len(entries):
         raise InputError("the archive has two files of the same name", code="archive_unsafe")
+    folders = {parent.as_posix() for entry in entries for parent in PurePosixPath(entry.name).parents}
+    if any(entry.name in folders for entry in entries):
+        raise InputError("the archive has a file and a folder of the same name", code="archive_unsafe")
     return [e for e in entries if PurePosixPath(e.name).suffix.lower() in SUFFIXES]
 
 
@@ -134,6 +156,8 @@ def _refuse_unsafe(info: zipfile.ZipInfo) -> None:
     unsafe = path.is_absolute() or ".." in path.parts or "\\" in info.filename or ":" in info.filename
     if unsafe or "\0" in info.orig_filename or kind not in {0, stat.S_IFREG} or not path.parts:
         raise InputError("the archive holds a link or a path that leads out of it", code="archive_unsafe")
+    if any(len(part.encode("utf-8", "replace")) > MOST_NAME_BYTES for part in path.parts):
+        raise InputError(f"a name in the archive is longer than {MOST_NAME_BYTES} bytes", code="archive_unsafe")
     if info.flag_bits & 0x1:
         raise InputError("the archive is encrypted: send it without a password", code="archive_encrypted")
 
@@ -162,7 +186,11 @@ def _blocks(archive: zipfile.ZipFile, entry: _Entry, room: int) -> Iterator[byte
                     raise _too_large(room)
                 yield block
     except DAMAGE as error:
-        raise InputError(f"{entry.name} in the archive is damaged ({error})", code="archive_damaged") from None
+        raise _damaged(entry, error) from None
+
+
+def _damaged(entry: _Entry, error: Exception) -> InputError:
+    return InputError(f"{entry.name} in the archive is damaged ({error})", code="archive_damaged")
 
 
 def _too_large(limit: int) -> InputError:

@@ -20,7 +20,7 @@ log = structlog.get_logger("drapemeter.serve")
 
 
 def run_worker(settings: Settings, work: Callable[..., TaskOutput] = execute) -> None:
-    """Body of a worker process, also of ``drapemeter serve --worker-only``: works until SIGTERM or its parent's end.
+    """Body of a worker process: works until SIGTERM or its parent's end.
 
     Args:
         settings: of the service.
@@ -96,3 +96,17 @@ class WorkerProcesses:
                 if not process.is_alive():
                     log.error("worker_died", pid=process.pid, exit_code=process.exitcode)
                     self._processes[index] = self._launch()
+
+
+def run_workers(settings: Settings) -> None:
+    """As many workers as the settings say and no server, until SIGTERM or SIGINT; one works in this process itself."""
+    if settings.workers <= 1:
+        run_worker(settings)
+        return
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    workers = WorkerProcesses(settings)
+    workers.start()
+    stopping.wait()
+    workers.close()

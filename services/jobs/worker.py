@@ -11,8 +11,10 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import structlog
+from sqlalchemy.exc import OperationalError
 
 from services.db.engine import Database
 from services.jobs.execute import execute, gather
@@ -25,6 +27,8 @@ from services.settings import Settings
 POLL_S = 0.3
 """How often the queue is looked at when there is nothing to do, and a job's process when there is."""
 PURGE_EVERY_S = 600.0
+AWAY_S = 1.0
+"""How soon a database that did not answer is asked again."""
 
 log = structlog.get_logger("drapemeter.worker")
 
@@ -63,15 +67,21 @@ class JobWorker:
         log.info("worker_started", worker=self.name, abandoned_folders=clear_abandoned())
         try:
             while not self._stopping.is_set():
-                self._keep_house()
-                claim = self._queue.claim(self.name)
-                if claim is None:
-                    self._stopping.wait(POLL_S)
-                else:
-                    self.work(claim)
+                try:
+                    self._keep_house()
+                    claim = self._queue.claim(self.name)
+                    if claim is None:
+                        self._stopping.wait(POLL_S)
+                    else:
+                        self.work(claim)
+                except OperationalError as error:
+                    self._runner.stop()
+                    self._say_away(error)
+                    self._stopping.wait(AWAY_S)
         finally:
             self._runner.stop()
-            self._queue.leave(self.name)
+            with suppress(OperationalError):
+                self._queue.leave(self.name)
             log.info("worker_stopped", worker=self.name)
 
     def work(self, claim: Claim) -> None:
@@ -93,6 +103,7 @@ class JobWorker:
     def _watch(self, claim: Claim) -> str:
         """Wait for the end of a job; its name for the log."""
         began, next_renewal = time.monotonic(), 0.0
+        leased_until = began + self._settings.job_lease_s
         latest = Progress(0.0)
         stop_at: float | None = None
         while True:
@@ -104,8 +115,15 @@ class JobWorker:
             now = time.monotonic()
             if now >= next_renewal:
                 next_renewal = now + min(self._beat_every_s, 1.0)
-                going_on = self._queue.renew(claim, progress=latest.fraction, message=latest.message)
-                self._keep_house()
+                going_on: bool | None = True
+                try:
+                    going_on = self._queue.renew(claim, progress=latest.fraction, message=latest.message)
+                    leased_until = now + self._settings.job_lease_s
+                    self._keep_house()
+                except OperationalError as error:
+                    self._say_away(error)
+                    if now > leased_until:
+                        going_on = None  # by now another worker may have the job
                 if not going_on:
                     self._runner.stop()
                     return self._abandon(claim, lost=going_on is None)
@@ -124,17 +142,33 @@ class JobWorker:
     def _settle(self, claim: Claim, event: Done | Refused | Crashed) -> str:
         if isinstance(event, Done):
             output: TaskOutput = event.value
-            stored = self._queue.succeed(claim, output.result, output.files)
+            stored = self._insist(lambda: self._queue.succeed(claim, output.result, output.files))
             return "succeeded" if stored else "lease_lost"
         if isinstance(event, Refused):
-            self._queue.fail(claim, event.code, event.detail)
+            self._insist(lambda: self._queue.fail(claim, event.code, event.detail))
             return "failed"
         log.error("job_process_crashed", job=claim.id, reason=event.reason)
         if event.again:
-            self._queue.release(claim, count_attempt=True)
+            self._insist(lambda: self._queue.release(claim, count_attempt=True))
             return "crashed"
-        self._queue.fail(claim, "internal_error", "the job failed in a way that nobody foresaw; see the worker's log")
+        unforeseen = "the job failed in a way that nobody foresaw; see the worker's log"
+        self._insist(lambda: self._queue.fail(claim, "internal_error", unforeseen))
         return "failed"
+
+    def _insist(self, store: Callable[[], bool]) -> bool:
+        """Store how a job ended, again and again while the database is away, as long as a lease lasts."""
+        until = time.monotonic() + self._settings.job_lease_s
+        while True:
+            try:
+                return store()
+            except OperationalError as error:
+                if time.monotonic() > until:
+                    raise
+                self._say_away(error)
+                time.sleep(POLL_S)
+
+    def _say_away(self, error: OperationalError) -> None:
+        log.warning("database_away", worker=self.name, error=str(error.orig))
 
     def _abandon(self, claim: Claim, *, lost: bool) -> str:
         if lost:

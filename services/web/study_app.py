@@ -11,14 +11,19 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, FastAPI, Request, Response
+from fastapi import Path as PathParameter
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
 from pydantic import BaseModel, ConfigDict, Field
 
+from services.api.middleware import BodyLimit
+from services.api.patterns import PRINTABLE
 from services.db.studies import StudyParticipant
 from services.web.study_store import StudyStore
 from simcore.errors import InputError
 
+MOST_BODY_BYTES = 16 * 1024
 STATIC = Path(__file__).with_name("static")
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; form-action 'self'",
@@ -61,6 +66,8 @@ def create_study_app(store: StudyStore) -> FastAPI:
     app.include_router(router)
     app.add_exception_handler(NotFoundError, _not_found)
     app.add_exception_handler(InputError, _bad_input)
+    app.add_exception_handler(RequestValidationError, _not_valid)
+    app.add_middleware(BodyLimit, limit=MOST_BODY_BYTES)
     app.mount("/static", StaticFiles(directory=STATIC), name="static")
     return app
 
@@ -71,10 +78,11 @@ def get_store(request: Request) -> StudyStore:
     return store
 
 
+Identifier = Annotated[str, PathParameter(max_length=80, pattern=PRINTABLE)]
 Served = Annotated[StudyStore, Depends(get_store)]
 
 
-def get_participant(participant_id: str, store: Served) -> StudyParticipant:
+def get_participant(participant_id: Identifier, store: Served) -> StudyParticipant:
     """The participant of the path.
 
     Raises:
@@ -142,7 +150,7 @@ def answer(participant: Asked, position: int, body: NewAnswer, store: Served) ->
 
 
 @router.get("/pictures/{picture_id}")
-def picture(picture_id: str, store: Served) -> Response:
+def picture(picture_id: Identifier, store: Served) -> Response:
     """A picture of a fabric."""
     found = store.picture(picture_id)
     if found is None:
@@ -160,6 +168,14 @@ def _question(participant: StudyParticipant, position: int) -> list[int]:
 
 def _not_found(_request: Request, _error: Exception) -> JSONResponse:
     return JSONResponse({"code": "not_found", "title": "there is no such thing in this study"}, 404)
+
+
+def _not_valid(_request: Request, error: Exception) -> JSONResponse:
+    """Only where and why: what was sent is not sent back."""
+    assert isinstance(error, RequestValidationError)
+    first = error.errors()[0]
+    place = "/".join(str(part) for part in first["loc"])
+    return JSONResponse({"code": "validation_failed", "title": f"{place}: {first['msg']}"}, 422)
 
 
 def _bad_input(_request: Request, error: Exception) -> JSONResponse:

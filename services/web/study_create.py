@@ -17,6 +17,9 @@ from services.web.study_store import StudyStore
 from simcore.errors import InputError
 from simcore.parameters import FabricParameters
 
+MOST_NAME = 200
+"""Characters of a name in the database."""
+
 
 @dataclass(frozen=True)
 class PictureFile:
@@ -37,6 +40,22 @@ class StudyEntry:
     pictures: tuple[PictureFile, ...]
 
 
+def check_names(study: str, fabrics: Sequence[str]) -> None:
+    """Refuse names that a study cannot have, before its pictures are made.
+
+    Raises:
+        InputError: one is empty, too long or holds a NUL, or two fabrics have the same.
+    """
+    if len(set(fabrics)) != len(fabrics) or not all(fabrics):
+        raise InputError("every fabric of a study needs a name of its own", code="study_names")
+    for name in (study, *fabrics):
+        if not 0 < len(name) <= MOST_NAME or "\0" in name:
+            raise InputError(
+                f"{name[:40]!r}: the name of a study or a fabric has 1 to {MOST_NAME} characters, none of them NUL",
+                code="study_names",
+            )
+
+
 def create_study(
     database: Database, name: str, entries: Sequence[StudyEntry], *, triplets: int, shared: int, seed: int
 ) -> StudyStore:
@@ -53,14 +72,12 @@ def create_study(
     Raises:
         InputError: too few or nameless fabrics, no pictures, or numbers that do not fit together.
     """
+    check_names(name, [entry.name for entry in entries])
     check_plan(len(entries), triplets)
     if not 0 <= shared <= triplets:
         raise InputError(f"shared triplets must be from 0 to {triplets}, got {shared}", code="triplets_shared")
     if not 0 <= seed < 2**31:
         raise InputError(f"the seed must be from 0 to 2147483647, got {seed}", code="seed_out_of_range")
-    names = [entry.name for entry in entries]
-    if len(set(names)) != len(names) or not all(names):
-        raise InputError("every fabric of a study needs a name of its own", code="study_names")
     bare = [entry.name for entry in entries if not entry.pictures]
     if bare:
         raise InputError(f"no pictures of {', '.join(bare)}", code="study_pictures_missing")

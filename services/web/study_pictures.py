@@ -60,7 +60,10 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
     entries = []
     for inner in sorted(p for p in folder.iterdir() if p.is_dir()):
         files = sorted(p for p in inner.iterdir() if p.suffix.lower() in PHOTOGRAPH_SUFFIXES)
-        pictures = tuple(PictureFile(0, path.stem[:80], "image/jpeg", _photograph(path)) for path in files)
+        pictures = tuple(
+            PictureFile(0, f"{place:04d} {path.stem}"[:80], "image/jpeg", _photograph(path))
+            for place, path in enumerate(files)
+        )
         entries.append(StudyEntry(inner.name, known.get(inner.name), pictures))
     if not entries:
         raise InputError(f"{folder} has no subfolders: put each fabric's photographs into one", code="study_empty")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -132,3 +133,20 @@ def test_unknown_backend_lists_the_known() -> None:
         get_backend("ssimm")
     assert caught.value.code == "backend_unknown"
     assert "lpips" in BACKEND_NAMES
+
+
+def test_another_process_may_remove_what_is_being_counted(
+    make_render: MakeRender, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cache = FeatureCache(tmp_path, disk_bytes=0)
+    backend = CountingBackend()
+    cache.features(backend, [make_render(1.0)])
+    whole = Path.stat
+
+    def gone(path: Path, **more: bool) -> os.stat_result:
+        if path.suffix == ".npy":
+            raise FileNotFoundError(path)
+        return whole(path, **more)
+
+    monkeypatch.setattr(Path, "stat", gone)
+    cache.features(backend, [make_render(2.0)])

@@ -170,3 +170,22 @@ def test_thumbnails_are_half_size(make_render: MakeRender) -> None:
     small = thumbnail(render)
     assert small.shape == (64, 64)
     assert small.mean() == pytest.approx(render.need_shaded().mean(), abs=1.0)
+
+
+def test_a_folder_spares_memory_and_damage_counts_as_absent(tmp_path: Path) -> None:
+    picture = np.arange(64.0).reshape(8, 8)
+    described = FabricDescriptor({Scene.HANGING: picture}, {Scene.HANGING: picture})
+    store = DescriptorStore(tmp_path, most=2)
+    for key in "abc":
+        store.save(key, described)
+    assert len(store._memory) == 2 and store.load("a") is not None and len(store._memory) == 2
+    (kept,) = tmp_path.glob("b.npz")
+    content = kept.read_bytes()
+    middle = len(content) // 2
+    for damaged in (content[:middle], content[:middle] + bytes(50) + content[middle + 50 :]):
+        kept.write_bytes(damaged)
+        assert DescriptorStore(tmp_path).load("b") is None
+    alone = DescriptorStore(most=2)
+    for key in "abc":
+        alone.save(key, described)
+    assert alone.load("a") is not None, "what is kept nowhere else stays"

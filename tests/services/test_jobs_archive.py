@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.jobs.archive import ArchiveLimits, names_in, read_captures_json, unpack
+from services.jobs.archive import ArchiveLimits, beginnings, names_in, read_captures_json, unpack
 from simcore.errors import InputError
 
 LIMITS = ArchiveLimits(most_bytes=100_000)
@@ -109,3 +109,22 @@ def test_damage_is_an_input_error_or_harmless(cut: int, flip: int, value: int) -
             names_in(content, LIMITS)
         except InputError as error:
             assert error.code.startswith(("archive_", "captures_json", "file_"))
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        [("captures.json", b"{}"), ("a.png", b"a"), ("a.png/b.png", b"b")],
+        [("captures.json", b"{}"), ("\u00e4" * 120 + ".png", b"a")],
+    ],
+)
+def test_names_that_no_folder_can_hold_are_refused_before_a_job_is_made(entries: Entries) -> None:
+    for look in (read_captures_json, names_in):
+        with pytest.raises(InputError) as caught:
+            look(archive(entries), LIMITS)
+        assert caught.value.code == "archive_unsafe"
+
+
+def test_the_beginning_of_a_file_is_read_without_the_rest() -> None:
+    content = archive([("set/captures.json", b"{}"), ("set/a.png", b"abcdef"), ("set/b.png", b"x")])
+    assert beginnings(content, LIMITS, ["a.png"], 3) == {"a.png": b"abc"}

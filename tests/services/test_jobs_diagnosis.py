@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import json
+import struct
 import zipfile
 from pathlib import Path
 
+import httpx
 import pytest
 from jsonschema import validate
 
@@ -62,3 +64,16 @@ def test_captures_that_cannot_be_used_fail_the_job_with_a_code(tmp_path: Path, s
     assert (job["status"], job["problem"]["code"]) == ("failed", "depth_damaged")
     assert "r1-hanging-1.png" in job["problem"]["detail"]
     assert "/r1-hanging-1.png" not in job["problem"]["detail"]  # the server's own folders are nobody's business
+
+
+def test_a_huge_picture_in_a_small_archive_is_refused_at_once(client: httpx.Client, shared_dir: Path) -> None:
+    folder = shared_dir / "real" / "phisft-r1"
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in folder.iterdir():
+            content = path.read_bytes()
+            if path.suffix == ".png":
+                content = content[:16] + struct.pack(">II", 60_000, 60_000) + content[24:]
+            archive.writestr(path.name, content)
+    answer = client.post("/v1/diagnoses", files={"capture_set": ("set.zip", stream.getvalue(), "application/zip")})
+    assert (answer.status_code, answer.json()["code"]) == (422, "depth_too_large")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from typing import Any
 
 import pytest
 from sqlalchemy import select, update
+from sqlalchemy.exc import OperationalError
 
 from services.db.base import utc_now
 from services.db.engine import Database
@@ -16,6 +19,9 @@ from services.db.jobs import Job, JobFile, JobStatus
 from services.jobs.files import FileContent
 from services.jobs.maintenance import purge
 from services.jobs.queue import Claim, JobQueue, enqueue, request_cancel
+from services.jobs.task import Call, Done, Event, Runner, TaskOutput
+from services.jobs.worker import JobWorker
+from services.settings import Settings
 
 ARCHIVE = FileContent("a.zip", "application/zip", b"content")
 REPORT = FileContent("report.html", "text/html", b"<p>")
@@ -170,3 +176,49 @@ def test_old_jobs_and_answers_are_forgotten(database: Database, queue: JobQueue)
         assert list(session.scalars(select(Job.id))) == [kept]
         assert list(session.scalars(select(IdempotencyRecord.key))) == ["new"]
     assert files(database, "output") == ["report.html"]
+
+
+class Working(Runner):
+    """Works for some polls, then is done."""
+
+    def __init__(self, polls: int) -> None:
+        self.left, self.stops = polls, 0
+
+    def start(self, call: Call) -> None:
+        """Nothing to do."""
+
+    def poll(self, timeout_s: float) -> Event | None:
+        time.sleep(0.02)
+        self.left -= 1
+        return None if self.left > 0 else Done(TaskOutput({"distance": 0.5}, ()))
+
+    def stop(self) -> None:
+        self.stops += 1
+
+
+@pytest.mark.parametrize("name", ["renew", "beat", "succeed", "claim"])
+def test_a_database_that_is_away_for_a_moment_costs_no_job(
+    database: Database, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    job_id, stopping, faults = add(database), threading.Event(), []
+    whole = getattr(JobQueue, name)
+
+    def sometimes(self: JobQueue, *given: Any, **more: Any) -> Any:
+        if len(faults) < 2:
+            faults.append(name)
+            raise OperationalError("UPDATE", {}, Exception("the server closed the connection"))
+        return whole(self, *given, **more)
+
+    monkeypatch.setattr(JobQueue, name, sometimes)
+    settings = Settings.model_validate({"database": str(database.url), "job_lease_s": 5.0})
+    runner = Working(120)
+    worker = JobWorker(settings, database, runner, stopping)
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(worker.run)
+        deadline = time.monotonic() + 30
+        while read(database, job_id).status != JobStatus.SUCCEEDED and time.monotonic() < deadline:
+            time.sleep(0.05)
+        stopping.set()
+        running.result()
+    job = read(database, job_id)
+    assert (job.status, job.attempts, len(faults)) == (JobStatus.SUCCEEDED, 1, 2)

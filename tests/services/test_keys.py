@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from services.api.keys import create_key, find_key, revoke_key
 from services.api.scopes import ApiScope, parse_scopes
 from services.db.base import utc_now
-from services.db.engine import Database
+from services.db.engine import Database, parse_url
 from services.settings import Settings
 from simcore.errors import InputError
 from tests.services.served import QUICK, STIFF, Served, drapemeter, serving
@@ -179,3 +180,34 @@ def test_default_database_passwords_are_refused_when_others_can_come(password: s
         Settings(environment="production", database=url).require_safe()
     Settings(database=url).require_safe()
     Settings(host="0.0.0.0", database="postgresql://drapemeter:sFwq29xVbn@db/drapemeter").require_safe()
+
+
+def test_without_a_key_no_body_is_read(guarded: tuple[Served, Path]) -> None:
+    """A stranger announces megabytes and never sends them: the answer does not wait for them."""
+    served, _ = guarded
+    host, port = served.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=20) as line:
+        head = ["POST /v1/fabrics HTTP/1.1", "Host: x", "Content-Type: application/json", "Content-Length: 900000"]
+        line.sendall("\r\n".join([*head, "", ""]).encode())
+        assert line.recv(100).startswith(b"HTTP/1.1 401")
+
+
+def test_a_long_body_that_is_no_upload_is_refused(guarded: tuple[Served, Path]) -> None:
+    served, folder = guarded
+    with served.client(headers=token(folder, "*")) as client:
+        answer = client.post("/v1/fabrics", content=b"[" * 2_000_000, headers={"Content-Type": "application/json"})
+        assert (answer.status_code, answer.json()["code"]) == (413, "request_too_large")
+
+
+def test_an_expired_key_is_listed_as_such(tmp_path: Path) -> None:
+    drapemeter(tmp_path, "keys", "create", "--name", "brief", "--expires-days", "1e-9")
+    assert "  expired  " in drapemeter(tmp_path, "keys", "list").stdout
+
+
+@pytest.mark.parametrize(
+    "url", ["postgresql+psycopg2://u:p@h/db", "sqlite+aiosqlite:///x.db", "postgresql://u:p@h:port/db", "mysql://h/db"]
+)
+def test_databases_that_cannot_be_used_are_refused(url: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_url(url)
+    assert caught.value.code == "database_url"

@@ -14,7 +14,8 @@ from PIL import Image
 from services.db.engine import Database
 from services.db.migrate import upgrade
 from services.web.study_app import create_study_app
-from services.web.study_create import PictureFile, StudyEntry, create_study, list_studies
+from services.web.study_create import PictureFile, StudyEntry, check_names, create_study, list_studies
+from services.web.study_pictures import entries_from_photographs
 from services.web.study_store import StudyStore
 from simcore.errors import InputError
 from simcore.parameters import FabricParameters
@@ -178,3 +179,29 @@ def test_a_study_needs_names_and_pictures(store: StudyStore) -> None:
 def test_unknown_study(store: StudyStore) -> None:
     with pytest.raises(InputError, match="study list"):
         StudyStore(store.database, "study_0")
+
+
+def test_what_is_sent_is_never_sent_back_and_never_long(client: TestClient) -> None:
+    secret = "wizard" * 100
+    answer = client.post("/participants", json={"experience": secret})
+    assert answer.status_code == 422 and "wizard" not in answer.text and len(answer.content) < 300
+    assert client.post("/participants", json={"experience": "x" * 20_000}).status_code == 413
+    for path in ("/participants/%00", "/pictures/%00", f"/pictures/{'p' * 100}"):
+        assert client.get(path).status_code == 422
+
+
+@pytest.mark.parametrize("name", ["", "n" * 201, "a\0b"])
+def test_names_that_the_database_cannot_hold_are_refused(name: str, store: StudyStore) -> None:
+    for study, first in ((name, "a"), ("pilot", name)):
+        with pytest.raises(InputError) as caught:
+            check_names(study, [first, "b"])
+        assert caught.value.code == "study_names"
+
+
+def test_photographs_of_one_stem_are_all_shown(tmp_path: Path, store: StudyStore) -> None:
+    for fabric in "abcd":
+        (tmp_path / fabric).mkdir()
+        for name in ("front.jpg", "front.png", f"{'long' * 30}1.png", f"{'long' * 30}2.png"):
+            Image.new("RGB", (8, 8)).save(tmp_path / fabric / name)
+    made = create_study(store.database, "photos", entries_from_photographs(tmp_path), triplets=8, shared=1, seed=0)
+    assert [len(made.pictures(place, 0)) for place in range(4)] == [4] * 4

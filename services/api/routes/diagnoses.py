@@ -15,8 +15,9 @@ from services.api.idempotency import IdempotencyKey
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.api.submit import submit_job
+from services.api.uploads import HEADER_BYTES, check_png
 from services.api.views import JobView
-from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, names_in, read_captures_json
+from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, beginnings, names_in, read_captures_json
 from services.jobs.files import FileContent
 from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs
 from services.settings import Settings
@@ -72,4 +73,7 @@ def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
     missing = [capture.depth for capture in document.captures if capture.depth.removeprefix("./") not in names]
     if missing:
         raise InputError(f"the archive lacks {missing[0]}, which {CAPTURES_FILE} names", code="depth_missing")
+    pictures = {capture.depth.removeprefix("./") for capture in document.captures}
+    for name, head in beginnings(content, limits, pictures, HEADER_BYTES).items():
+        check_png(head, name, settings.max_picture_pixels)
     return document

@@ -111,7 +111,7 @@ def get_fabric(
 ) -> Response:
     """Scope `fabrics:read`; answers with an `ETag`."""
     with state.database.read() as session:
-        row = _find(session, fabric_id, None)
+        row = _find(session, fabric_id, None, lock=False)
     if if_none_match is not None and names_version(if_none_match, row):
         return Response(status_code=304, headers={"ETag": etag(row)})
     return JSONResponse(view_fabric(row).model_dump(mode="json"), headers={"ETag": etag(row)})
@@ -145,9 +145,10 @@ def delete_fabric(fabric_id: FabricId, state: State, caller: Writer, if_match: I
     return Response(status_code=204)
 
 
-def _find(session: Session, fabric_id: str, if_match: str | None) -> Fabric:
+def _find(session: Session, fabric_id: str, if_match: str | None, *, lock: bool = True) -> Fabric:
     """The row, locked when it is to be changed."""
-    row = session.scalar(select(Fabric).where(Fabric.id == fabric_id).with_for_update())
+    wanted = select(Fabric).where(Fabric.id == fabric_id)
+    row = session.scalar(wanted.with_for_update() if lock else wanted)
     if row is None:
         raise ProblemError(404, "fabric_not_found", "there is no such fabric")
     if if_match is not None and not names_version(if_match, row):

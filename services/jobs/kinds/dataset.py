@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from services.api.patterns import PRINTABLE
 from services.jobs.task import Report, Task, TaskOutput
 from services.schemas import Strict
 
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 class SimulatorEffect(Strict):
     """An effect that is simulated beyond the baseline."""
 
-    name: str = Field(max_length=60, description="As in the catalogue of effects.")
-    size: dict[str, float] = Field(
+    name: str = Field(max_length=60, pattern=PRINTABLE, description="As in the catalogue of effects.")
+    size: dict[Annotated[str, Field(max_length=60, pattern=PRINTABLE)], float] = Field(
         max_length=8, description="Its components, in the effect's unit; `magnitude` for one number."
     )
 
