@@ -49,11 +49,12 @@ class RealSenseSource(DepthSource):
     def __init__(
         self, recording: str | Path | None = None, *, serial: str | None = None, mode: StreamMode = StreamMode()
     ) -> None:
+        path = None if recording is None else _recording_path(recording)
         self._rs = import_realsense()
-        self._recorded = recording is not None
+        self._recorded = path is not None
         config = self._rs.config()
-        if recording is not None:
-            self._name = str(_recording_path(recording))
+        if path is not None:
+            self._name = str(path)
             config.enable_device_from_file(self._name, repeat_playback=False)
         else:
             self._name = f"camera {serial}" if serial else "camera"

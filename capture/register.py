@@ -155,7 +155,8 @@ def _panel_pose(
     """
     z = plane.normal
     left, right = (corners[name] - plane.height(corners[name]) * z for name in ("top_left", "top_right"))
-    pose = rigid_fit([expected["top_left"], expected["top_right"]], [left, right], normal=z)
+    on_panel = [expected[name] * (1.0, 1.0, 0.0) for name in ("top_left", "top_right")]
+    pose = rigid_fit(on_panel, [left, right], normal=z)
     pose[:3, 3] += UNSEEN_CORNER_M * pose[:3, 1]
     return pose
 

@@ -8,10 +8,10 @@ cd "$(dirname "$0")/.."
 venv="${VENV:-.venv}"
 
 scripts/system-packages.sh
-if [ ! -x "$venv/bin/python" ]; then
+if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
     python="$(scripts/find-python.sh)"
     echo "making $venv with $("$python" --version)"
-    "$python" -m venv "$venv"
+    "$python" -m venv --clear "$venv"
 fi
 echo "installing the pinned requirements (a few minutes the first time)"
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \

@@ -21,9 +21,9 @@ present() {
 }
 
 has_library() {
-    local ldconfig
-    ldconfig="$(command -v ldconfig || echo /sbin/ldconfig)"
-    "$ldconfig" -p | grep -qF "$1"
+    local known
+    known="$("$(command -v ldconfig || echo /sbin/ldconfig)" -p)"
+    [[ "$known" == *"$1"* ]]
 }
 
 missing=()

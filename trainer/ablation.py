@@ -15,10 +15,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from simcore.errors import InputError
 from trainer.config import AugmentConfig, TrainConfig
 from trainer.dataset import PictureSource
 from trainer.evaluate import Metrics, evaluate
 from trainer.presets import preset_config
+from trainer.program import told_in_one_line
 from trainer.train import split_of, train
 
 
@@ -97,8 +99,6 @@ def table(results: Mapping[str, Metrics], predictor: str = "hanging+stretch") ->
 
 def main() -> None:
     """Train the ladder and the input comparison on a store; write `ablation.json` and `ablation.md`."""
-    from trainer.store_source import StoreSource
-
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--store", required=True)
     parser.add_argument("--out", required=True, type=Path)
@@ -107,7 +107,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--pretrained", action="store_true", help="include ImageNet weights (full trunk)")
     options = parser.parse_args()
+    with told_in_one_line():
+        _run(options)
+
+
+def _run(options: argparse.Namespace) -> None:
+    from trainer.store_source import StoreSource
+
     base = preset_config(options.preset).with_values({"epochs": options.epochs, "seed": options.seed}, {})
+    if options.pretrained and base.network.trunk_width != 1.0:
+        raise InputError(
+            f"ImageNet weights are for the full trunk, preset {options.preset} has {base.network.trunk_width} of it: "
+            "give --preset standard or paper",
+            code="trunk_width",
+        )
     sources: dict[str, PictureSource] = {
         "upright": StoreSource(options.store),
         "registered": StoreSource(options.store),

@@ -34,7 +34,6 @@ class Augmenter:
             kornia.RandomGaussianBlur((5, 5), config.blur_sigma_px, p=config.blur),
             kornia.RandomGaussianNoise(0.0, config.noise_std_m / FULL_HEIGHT_M, p=config.noise),
         )
-        self._posterise = kornia.RandomPosterize(config.posterise_bits, p=config.posterise)
         self._erase = kornia.RandomErasing(config.erase_share, p=config.erase)
 
     @torch.no_grad()
@@ -53,7 +52,15 @@ class Augmenter:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             height = self._deform(pictures / FULL_HEIGHT_M)
-            # Noise can reach behind the panel and kornia's posterise wants [0, 1]: lift and lower again.
-            height = self._posterise((height + _LIFT).clamp(0.0, 1.0)) - _LIFT
+            # Noise can reach behind the panel.
+            height = self._posterise(height.clamp(-_LIFT, 1.0 - _LIFT))
             erased: Tensor = self._erase(height * FULL_HEIGHT_M)
         return erased
+
+    def _posterise(self, height: Tensor) -> Tensor:
+        """A share of the pictures rounded to steps of 1 / 2^bits, so that the panel stays where it is."""
+        count, (fewest, most) = len(height), self.config.posterise_bits
+        chosen = torch.rand(count) < self.config.posterise
+        step = 2.0 ** -torch.randint(fewest, most + 1, (count,)).to(height.dtype)
+        chosen, step = chosen[:, None, None, None], step[:, None, None, None]
+        return torch.where(chosen, (height / step).round() * step, height)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from trainer.config import TrainConfig
 from trainer.dataset import SCENES, PictureSource, PictureTable
@@ -76,6 +75,9 @@ def _outliers(reference: PairFeatures, clean: PairFeatures, noisy: PairFeatures)
 
 
 def _thinned(table: PictureTable) -> PictureTable:
-    """Evenly spread pictures, not too many."""
-    step = max(1, -(-len(table) // REFERENCE_PICTURES))
-    return table.take(torch.arange(0, len(table), step).numpy())
+    """Not too many pictures, as many of either scene where there are; drawn at random, since rows come in an order."""
+    generator = np.random.default_rng(0)
+    of_scenes = [np.flatnonzero(table.scene == scene) for scene in range(len(SCENES))]
+    most = REFERENCE_PICTURES // max(1, sum(len(rows) > 0 for rows in of_scenes))
+    chosen = [generator.permutation(rows)[:most] for rows in of_scenes]
+    return table.take(np.sort(np.concatenate(chosen)))

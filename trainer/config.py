@@ -147,6 +147,8 @@ class TrainConfig:
                 "test on: let them sum to less than 1",
                 code="split_shares",
             )
+        if self.seed < 0 or self.pictures_per_epoch < 0:
+            raise InputError("seed and pictures of an epoch cannot be negative", code="training_numbers")
         if not 0.0 <= self.mirror <= 1.0:
             raise InputError(f"mirror {self.mirror} must be a share from 0 to 1", code="mirror")
         if not (self.learning_rate > 0 and self.threads >= 1 and self.workers >= 0):

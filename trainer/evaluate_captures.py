@@ -25,6 +25,7 @@ from simcore.parameters import ESTIMATED_NAMES
 from simcore.scenes import Scene
 from trainer.evaluate import Score, rank_correlation
 from trainer.predict import Estimate, Estimator
+from trainer.program import told_in_one_line
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,13 @@ def known_fabrics(folders: Iterable[str | Path]) -> list[KnownFabric]:
     found = []
     for folder in folders:
         captures = CaptureSet.load(folder, read_pictures=False)
+        ready = list(prepare_all(captures.captures))  # poses are found from all captures of a set together
         for fabric in captures.document.fabrics:
-            shown = captures.of_fabric(fabric.id)
+            shown = [prepared for prepared in ready if prepared.capture.fabric.id == fabric.id]
             if fabric.parameters is None or fabric.density is None or not shown:
                 continue
             inputs: dict[Scene, list[NetworkInput]] = {}
-            for prepared in prepare_all(shown):
+            for prepared in shown:
                 inputs.setdefault(prepared.capture.scene, []).append(prepared.network_input)
             truth = np.array([getattr(fabric.parameters, name) for name in ESTIMATED_NAMES], dtype=np.float64)
             found.append(KnownFabric(f"{captures.folder.name}/{fabric.id}", fabric.density, truth, inputs))
@@ -121,7 +123,8 @@ def main() -> None:
     parser.add_argument("--model", help="model folder; default: the one that ships")
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
-    scores = evaluate_captures(Estimator.load(options.model), known_fabrics(options.captures))
+    with told_in_one_line():
+        scores = evaluate_captures(Estimator.load(options.model), known_fabrics(options.captures))
     sys.stdout.write(markdown(scores) + "\n")
     if options.out is not None:
         plain: dict[str, Any] = {key: {name: vars(s) for name, s in rows.items()} for key, rows in scores.items()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 import tempfile
 from dataclasses import dataclass, field
@@ -59,7 +60,7 @@ class TrainedModel:
         Raises:
             InputError: ``folder`` exists and is no model folder, or cannot be written.
         """
-        target = Path(folder)
+        target = Path(os.path.realpath(folder))
         check_target(target)
         weights, meta = save(self._tensors()), self._meta()
         version = model_version(weights, meta)
@@ -137,11 +138,18 @@ def load_model(folder: str | Path) -> TrainedModel:
 
 
 def check_target(folder: Path) -> None:
-    """Refuse to replace what is no model.
+    """Refuse to replace what is no model, or what holds more than one.
 
     Raises:
         InputError: a file, or a folder with other things in it.
     """
+    if is_model_folder(folder):
+        others = sorted({path.name for path in folder.iterdir()} - {META_FILE, WEIGHTS_FILE})
+        if others:
+            raise InputError(
+                f"{folder} holds {others[0]} beside a model, which would be lost: give another folder",
+                code="output_exists",
+            )
     if folder.exists() and not is_model_folder(folder) and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists and holds no model: give another folder", code="output_exists")
 

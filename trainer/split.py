@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,22 @@ class MaterialSplit:
     train: NDArray[np.int64]
     calibration: NDArray[np.int64]
     test: NDArray[np.int64]
+
+    def without_known(self, known: Sequence[int]) -> MaterialSplit:
+        """The same with materials that are known already learnt from again, in place of being held out.
+
+        Raises:
+            InputError: none are left to calibrate or to test on.
+        """
+        kept = [held[~np.isin(held, known)] for held in (self.calibration, self.test)]
+        if not all(map(len, kept)):
+            raise InputError(
+                "the earlier model has learnt from the fabrics that would be held out: take a store with others, or "
+                "the seed that it was trained with",
+                code="start_knows_fabrics",
+            )
+        everything = np.concatenate([self.train, self.calibration, self.test])
+        return MaterialSplit(np.sort(everything[~np.isin(everything, np.concatenate(kept))]), *kept)
 
 
 def split_materials(

@@ -15,7 +15,7 @@ from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import panel_depth
 from renderer.pose import inclination_pose
 from renderer.store import Store
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 from trainer.config import Inclinations
 from trainer.dataset import SCENES, PictureTable
 
@@ -81,6 +81,12 @@ class StoreSource:
             counts = np.concatenate([store.array("depth")[int(row) : int(row) + 1] for row in rows])
         else:
             counts = store.depth_counts(int(rows[0]) // store.layout.rows_per_shard)[rows - span.start]
+        blank = np.flatnonzero(~counts.reshape(len(counts), -1).any(axis=1))
+        if len(blank):
+            raise StoreError(
+                f"{self.url}: row {int(rows[blank[0]])} has no picture: see `drapemeter dataset validate`",
+                code="store_damaged",
+            )
         heights = np.empty(counts.shape, dtype=np.int16)
         tilts = store.inclination_deg[rows]
         for tilt in np.unique(tilts):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Iterable
 from copy import deepcopy
@@ -104,10 +105,12 @@ def learn(
     if start is not None:
         config = replace(config, network=start.config.network)
     table = source.table()
-    split = split_of(table, config)
+    split = split_of(table, config, start)
     training = training_pictures(table, split, config)
     check_lanes(training, partition.world_size * max(1, config.workers))
     record: dict[str, Any] = {"data": provenance or {}, "torch": torch.__version__}
+    known = start.provenance.get("learnt", ()) if start is not None else ()
+    record["learnt"] = sorted({*learnt_fabrics(training).values(), *known})
     if start is None:
         scaling = TargetScaling.fit(training.material_parameters(), config.network.targets)
         network, base = build_network(config)
@@ -115,7 +118,8 @@ def learn(
     else:
         scaling, network = start.scaling, deepcopy(start.network)
         record["base_weights"] = start.provenance.get("base_weights")
-        record["start"] = {"model_version": start.version, "provenance": start.provenance}
+        earlier = {name: value for name, value in start.provenance.items() if name != "learnt"}
+        record["start"] = {"model_version": start.version, "provenance": earlier}
     broadcast_state(network, partition)
     stream = PairStream(source, training, size=config.network.input_size, seed=config.seed, partition=partition)
     pairs = batches(stream, max(1, config.batch_size // len(SCENES)), config.workers)
@@ -123,11 +127,28 @@ def learn(
     return Learnt(config, network, source, table, split, scaling, record)
 
 
-def split_of(table: PictureTable, config: TrainConfig) -> MaterialSplit:
-    """The run's split of the materials."""
-    return split_materials(
+def split_of(table: PictureTable, config: TrainConfig, start: TrainedModel | None = None) -> MaterialSplit:
+    """The run's split of the materials; what an earlier model learnt from is not held out.
+
+    Raises:
+        InputError: too few materials, or too few that the earlier model has not learnt from.
+    """
+    split = split_materials(
         table.material, seed=config.seed, train_share=config.train_share, calibration_share=config.calibration_share
     )
+    if start is None:
+        return split
+    known = set(start.provenance.get("learnt", ()))
+    return split.without_known([number for number, name in learnt_fabrics(table).items() if name in known])
+
+
+def learnt_fabrics(table: PictureTable) -> dict[int, str]:
+    """By material number, a short hash of the fabric's seven parameters (as float32): what it is in any store."""
+    numbers, first = np.unique(table.material, return_index=True)
+    values = table.parameters[first].astype("<f4")
+    return {
+        int(number): hashlib.sha256(row.tobytes()).hexdigest()[:12] for number, row in zip(numbers, values, strict=True)
+    }
 
 
 def training_pictures(table: PictureTable, split: MaterialSplit, config: TrainConfig) -> PictureTable:

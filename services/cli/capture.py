@@ -151,6 +151,8 @@ def import_frames(
     check_folder(out, OTHER_SET)
     new = _new_capture(fabric, scene, density, sample_size, panel)
     opened: DepthSource
+    if not source.exists():
+        raise InputError(f"{source}: no such folder or recording", code="file_missing")
     if source.is_file():
         opened = RealSenseSource(source)
     elif camera is None:

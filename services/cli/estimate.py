@@ -14,7 +14,9 @@ from simcore.parameters import ESTIMATED_NAMES, UNITS
 
 if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
-    from trainer.predict import Estimate, Estimator
+    from capture.normalise import NetworkInput
+    from simcore.scenes import Scene
+    from trainer.predict import Estimate
 
 
 def register(app: typer.Typer) -> None:
@@ -46,10 +48,11 @@ def estimate(
     captures = CaptureSet.load(capture_set)
     densities = fabric_densities(captures, density)
     estimator = Estimator.load(model)
+    inputs = inputs_by_fabric(captures)
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():
-            fabrics.append((fabric_id, value, estimate_fabric(captures, fabric_id, value, estimator)))
+            fabrics.append((fabric_id, value, estimator.estimate(inputs[fabric_id], value)))
             bar.advance()
     if json_output:
         units = {name: UNITS[name] for name in ESTIMATED_NAMES}
@@ -89,20 +92,19 @@ def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, f
     return densities
 
 
-def estimate_fabric(captures: CaptureSet, fabric_id: str, density: float, estimator: Estimator) -> Estimate:
-    """Estimate one fabric from all its captures.
+def inputs_by_fabric(captures: CaptureSet) -> dict[str, dict[Scene | str, list[NetworkInput]]]:
+    """What the network sees of each fabric, by scene; poses are found from the captures of the whole set together.
 
     Raises:
         InputError: a capture that cannot be used.
     """
-    from capture.normalise import NetworkInput
     from capture.prepare import prepare_all
-    from simcore.scenes import Scene
 
-    inputs: dict[Scene | str, list[NetworkInput]] = {}
-    for prepared in prepare_all(captures.of_fabric(fabric_id)):
-        inputs.setdefault(prepared.capture.scene, []).append(prepared.network_input)
-    return estimator.estimate(dict(inputs), density)
+    found: dict[str, dict[Scene | str, list[NetworkInput]]] = {}
+    for prepared in prepare_all(captures.captures):
+        own = found.setdefault(prepared.capture.fabric.id, {})
+        own.setdefault(prepared.capture.scene, []).append(prepared.network_input)
+    return found
 
 
 def as_document(fabric_id: str, density: float, found: Estimate) -> dict[str, Any]:

@@ -66,9 +66,18 @@ def train(
         "workers": workers,
     }
     config = preset_config(preset).with_values(asked, {"input_size": input_size, "trunk_width": trunk_width})
+    if start is not None and not (input_size is None and trunk_width is None and pretrained is None):
+        raise InputError(
+            "--start brings its network and weights: leave out --input-size, --trunk-width and --pretrained",
+            code="options_exclude",
+        )
+    if address is not None and not ranks:
+        raise InputError("--address is for --ranks: say on how many workers", code="options_exclude")
     check_out(out)
     if tensorboard is not None:
         check_folder(tensorboard, "give --tensorboard another folder")
+        if tensorboard.resolve().is_relative_to(out.resolve()):
+            raise InputError(f"{tensorboard} lies in {out}, which is replaced: give another", code="output_twice")
     earlier = load_model(start) if start is not None else None
     started = time.monotonic()
     with console.progress("training") as bar:
@@ -85,6 +94,8 @@ def check_out(out: Path) -> None:
     """
     from trainer.model import check_target
 
+    if out.resolve() == Path.cwd():
+        raise InputError("the folder that one is in cannot be replaced: name a folder in it", code="output_exists")
     check_target(out)
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out}: its folder does not exist; make it first", code="folder_missing")

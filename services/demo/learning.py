@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from capture.capture_set import CaptureSet
-from services.cli.estimate import estimate_fabric
+from services.cli.estimate import inputs_by_fabric
 from services.dataset.fabrics import plan_sweep
 from services.dataset.sweep import SweepSummary, run_sweep
 from services.demo import fabrics
@@ -67,10 +67,11 @@ def estimate(model: Path, captures: Path) -> list[EstimateRow]:
     """Estimate the fabrics of a capture set that :func:`~services.demo.captures.simulate_captures` made."""
     capture_set = CaptureSet.load(captures)
     estimator = Estimator.load(model)
+    inputs = inputs_by_fabric(capture_set)
     rows = []
     for name in capture_set.fabrics:
         truth = fabrics.NAMED[name].as_dict()
-        found = estimate_fabric(capture_set, name, truth["density"], estimator)
+        found = estimator.estimate(inputs[name], truth["density"])
         for parameter in ESTIMATED_NAMES:
             low, high = found.intervals_90[parameter]
             rows.append(EstimateRow(name, parameter, truth[parameter], found.parameters[parameter], low, high))

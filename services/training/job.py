@@ -58,7 +58,14 @@ class TrainingRank:
         if self._world_size > 1:
             dist.init_process_group("gloo", init_method=meeting_place, rank=self._rank, world_size=self._world_size)
         source = StoreSource(self._store, self._config.inclinations)
-        learnt = learn(source, self._config, partition=partition, provenance=source.provenance(), report=self._remember)
+        learnt = learn(
+            source,
+            self._config,
+            partition=partition,
+            start=self._start,
+            provenance=source.provenance(),
+            report=self._remember,
+        )
         if self._world_size > 1:
             dist.destroy_process_group()
         return finish(learnt) if self._rank == 0 else None
@@ -98,19 +105,19 @@ def train_on_ray(
     """
     if ranks < 1:
         raise InputError(f"{ranks} ranks: give at least 1", code="ranks")
-    _check_store(store, config, ranks)
+    _check_store(store, config, start, ranks)
     with ray_cluster(address, ranks * config.threads):
         return _train(store, config, start, ranks, report)
 
 
-def _check_store(store: str, config: TrainConfig, ranks: int) -> None:
+def _check_store(store: str, config: TrainConfig, start: TrainedModel | None, ranks: int) -> None:
     """Find out what would stop every rank before a cluster is started."""
     from trainer.dataset import check_lanes
     from trainer.store_source import StoreSource
     from trainer.train import split_of, training_pictures
 
     table = StoreSource(store).table()
-    check_lanes(training_pictures(table, split_of(table, config), config), ranks * max(1, config.workers))
+    check_lanes(training_pictures(table, split_of(table, config, start), config), ranks * max(1, config.workers))
 
 
 def _train(

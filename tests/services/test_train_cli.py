@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import json
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 
-from capture.capture_set import new_document, write_captures_json
+from capture.capture_set import Capture, CaptureSet, new_document, write_captures_json
+from capture.prepare import PreparedCapture, prepare_all
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth_png import write_depth_png
 from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
 from services.cli import main
+from services.cli.estimate import inputs_by_fabric
+from services.training.job import TrainingRank
 from simcore.parameters import ESTIMATED_NAMES, UNITS
 from tests.trainer.analytic import AnalyticSource
+from trainer import ablation, evaluate_captures, saliency
+from trainer.config import NetworkConfig
+from trainer.model import load_model
 
 QUICK = ["--preset", "quick", "--epochs", "1", "--trunk-width", "0.125"]
 
@@ -157,6 +168,11 @@ def test_bad_input_is_told_in_one_line(
         (["train", "--store", here, "--out", out, "--preset", "best"], "standard, paper, quick"),
         (["train", "--store", here, "--out", out, "--input-size", "100"], "input size 100"),
         (["train", "--store", here, "--out", here], "holds no model"),
+        (["train", "--store", here, "--out", out, "--seed", "-1"], "negative"),
+        (["train", "--store", here, "--out", out, "--pictures", "-5"], "negative"),
+        (["train", "--store", here, "--out", out, "--address", "ray://nowhere:1"], "--ranks"),
+        (["train", "--store", here, "--out", out, "--start", str(model), "--trunk-width", "1"], "leave out"),
+        (["train", "--store", here, "--out", out, "--tensorboard", f"{out}/events"], "lies in"),
     ]
     for arguments, words in cases:
         code, said = failure(capsys, *arguments)
@@ -205,3 +221,64 @@ def test_scores_on_captures_of_known_fabrics(model: Path, tmp_path: Path) -> Non
     assert list(scores) == ["hanging", "stretch", "hanging+stretch"]
     assert all(score.mae_log > 0 for rows in scores.values() for score in rows.values())
     assert len(markdown(scores).splitlines()) == 8
+
+
+def test_what_lies_beside_a_model_is_not_lost(
+    model: Path, store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, link = tmp_path / "m", tmp_path / "link"
+    shutil.copytree(model, folder)
+    link.symlink_to(folder)
+    assert main.run(["train", "--store", str(store), "--out", str(link), *QUICK]) == 0
+    assert link.is_symlink() and (folder / "model.json").is_file()
+    (folder / "notes.txt").write_text("mine")
+    code, said = failure(capsys, "train", "--store", str(store), "--out", str(folder), *QUICK)
+    assert code == 2 and "notes.txt" in said and (folder / "notes.txt").read_text() == "mine"
+
+
+def test_ranks_go_on_from_the_model_they_are_given(store: Path, model: Path) -> None:
+    start = load_model(model)
+    config = replace(start.config, network=NetworkConfig(trunk_width=0.25), epochs=1)
+    made = TrainingRank(str(store), config, start, 0, 1).run("")
+    assert made is not None and made.config.network == start.config.network
+    assert made.provenance["start"]["model_version"] == start.version
+
+
+def test_a_picture_that_is_lost_is_not_learnt_from(
+    store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "cut.zarr"
+    shutil.copytree(store, copy)
+    (copy / "depth" / "c" / "1" / "0" / "0").unlink()
+    code, said = failure(capsys, "train", "--store", str(copy), "--out", str(tmp_path / "m"), *QUICK)
+    assert code == 1 and "has no picture" in said and not (tmp_path / "m").exists()
+
+
+def test_poses_are_found_from_the_whole_set(monkeypatch: pytest.MonkeyPatch, capture_set: Path) -> None:
+    seen: list[int] = []
+
+    def prepare(captures: Sequence[Capture]) -> list[PreparedCapture]:
+        seen.append(len(captures))
+        return prepare_all(captures)
+
+    monkeypatch.setattr("capture.prepare.prepare_all", prepare)
+    inputs = inputs_by_fabric(CaptureSet.load(capture_set))
+    assert seen == [4] and [sorted(own) for own in inputs.values()] == [["hanging", "stretch"]] * 2
+
+
+@pytest.mark.parametrize("program", [evaluate_captures, saliency, ablation])
+def test_side_programs_tell_bad_input_in_one_line(
+    program: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nothing = str(tmp_path / "nothing")
+    arguments = {
+        evaluate_captures: [nothing],
+        saliency: ["--model", nothing, "--store", nothing, "--out", nothing],
+        ablation: ["--store", nothing, "--out", nothing, "--pretrained"],
+    }[program]
+    monkeypatch.setattr(sys, "argv", [program.__name__, *arguments])
+    with pytest.raises(SystemExit) as ended:
+        program.main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and said.startswith("error: ") and said.count("\n") == 1
+    assert not Path(nothing).exists()

@@ -48,3 +48,13 @@ def test_a_batch_depends_on_its_seed_alone() -> None:
     assert torch.equal(augment(pictures, seed=7), first)
     assert torch.equal(torch.get_rng_state(), before)
     assert not torch.equal(augment(pictures, seed=8), first)
+
+
+def test_posterised_heights_keep_the_panel_and_lie_on_their_steps() -> None:
+    pictures = _cloth()
+    changed = Augmenter(_only("posterise"))(pictures, seed=3)
+    assert torch.equal(changed[pictures == 0.0], pictures[pictures == 0.0])
+    assert float((changed - pictures).abs().max()) <= 0.5 * 0.512 / 2**6 + 1e-6
+    assert abs(float((changed - pictures).mean())) < 3e-4, "rounded, not cut off"
+    finest = changed / (0.512 / 2**8)
+    assert torch.allclose(finest, finest.round(), atol=1e-3)

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 
+from trainer.calibrate import REFERENCE_PICTURES, _thinned
+from trainer.dataset import PictureTable
 from trainer.outliers import GaussianReference, OutlierModel, picture_statistics
 
 
@@ -47,3 +50,25 @@ def test_statistics_say_what_they_say() -> None:
     assert abs(mean - 2.0) < 0.4 and abs(middle - high) < 1e-6 and low <= middle
     assert 0 < border < 0.3
     assert not picture_statistics(height)[1].any()
+
+
+@pytest.mark.parametrize(("inclinations", "jitters", "materials"), [(11, 2, 1200), (11, 1, 2400), (1, 4, 900)])
+def test_the_reference_shows_every_scene_and_inclination(inclinations: int, jitters: int, materials: int) -> None:
+    """Rows of a store come by material, scene, repeat and inclination: a fixed stride would miss some."""
+    rows = np.arange(materials * 2 * jitters * inclinations)
+    table = PictureTable(
+        row=rows,
+        shard=rows // 704,
+        material=rows // (2 * jitters * inclinations),
+        scene=rows // (jitters * inclinations) % 2,
+        parameters=np.ones((len(rows), 7)),
+        inclination_deg=(rows % inclinations).astype(np.float64),
+        jitter=rows // inclinations % jitters,
+    )
+    chosen = _thinned(table)
+    assert len(chosen) <= REFERENCE_PICTURES and np.bincount(chosen.scene).tolist() == [REFERENCE_PICTURES // 2] * 2
+    for scene in range(2):
+        own = chosen.scene == scene
+        assert len(np.unique(chosen.inclination_deg[own])) == inclinations
+        assert len(np.unique(chosen.jitter[own])) == jitters
+    assert np.array_equal(_thinned(table).row, chosen.row)

@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -17,7 +18,7 @@ from trainer.evaluate import Metrics
 from trainer.inference import extract_pairs
 from trainer.model import TrainedModel, load_model
 from trainer.presets import PRESETS
-from trainer.train import Progress, mirror_hanging, train
+from trainer.train import Progress, mirror_hanging, split_of, train
 
 from .analytic import AnalyticSource
 
@@ -167,3 +168,24 @@ def test_a_model_travels_to_a_process_without_torchvision(tiny_model: TrainedMod
     program = "import pickle, sys; print(pickle.load(sys.stdin.buffer).version)"
     answer = subprocess.run([sys.executable, "-c", program], input=sent, capture_output=True, check=True)
     assert answer.stdout.decode().strip() == tiny_model.version
+
+
+def test_what_the_earlier_model_learnt_from_is_not_held_out(tiny_config: TrainConfig) -> None:
+    config = replace(tiny_config, epochs=1)
+    source = AnalyticSource(materials=24, jitters=1)
+    first = train(source, config)
+    table = source.table()
+    known = split_of(table, config).train
+    other = replace(config, seed=7)
+    assert np.intersect1d(split_of(table, other).calibration, known).size  # else this shows nothing
+    split = split_of(table, other, first)
+    for held_out in (split.calibration, split.test):
+        assert len(held_out) and not np.intersect1d(held_out, known).size
+    everything = np.concatenate([split.train, split.calibration, split.test])
+    assert sorted(everything.tolist()) == sorted(np.unique(table.material).tolist())
+    second = train(source, other, start=first)
+    assert set(first.provenance["learnt"]) < set(second.provenance["learnt"])
+    assert "learnt" not in second.provenance["start"]["provenance"]
+    with pytest.raises(InputError) as caught:
+        split_of(table.of_materials(known), other, first)
+    assert caught.value.code == "start_knows_fabrics"

@@ -1,0 +1,19 @@
+"""What the side programs `python -m trainer...` share."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from simcore.errors import DrapemeterError, InputError
+
+
+@contextmanager
+def told_in_one_line() -> Iterator[None]:
+    """End the program as `drapemeter` does: one line on standard error, exit status 2 for bad input, else 1."""
+    try:
+        yield
+    except DrapemeterError as error:
+        sys.stderr.write(f"error: {' '.join(str(error).split())} [{error.code}]\n")
+        raise SystemExit(2 if isinstance(error, InputError) else 1) from None
