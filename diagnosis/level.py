@@ -17,6 +17,10 @@ PLANE_PIXELS = 8000
 """About so many pixels of the panel are enough for its plane."""
 LEAST_PIXELS = 500
 """Fewer say nothing of it."""
+LEAST_KEPT = 0.5
+"""Of a plane's pixels, at least so many are no outliers."""
+ALIKE_M = 1e-4
+"""Depths that differ by less are the same reading: finer than the steps of any depth camera."""
 
 
 def panel_plane(difference: Array, panel: NDArray[np.bool_]) -> Array:
@@ -75,4 +79,13 @@ def _robust_plane(basis: Array, values: Array) -> Array:
         residual = values - basis @ plane
         spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-6
         keep = np.abs(residual) < 4 * spread
+        if keep.mean() < LEAST_KEPT:
+            keep = _between_steps(residual)
     return np.asarray(plane)
+
+
+def _between_steps(residual: Array) -> NDArray[np.bool_]:
+    """What to keep of readings in steps coarser than the noise: most are alike, and the others are a step away."""
+    away = np.abs(residual - np.median(residual))
+    others = away[away > ALIKE_M]
+    return np.asarray(away <= 4 * (float(np.median(others)) if len(others) else ALIKE_M))

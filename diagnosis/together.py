@@ -146,14 +146,15 @@ def _sensed_with_both(look: FreshLook, capture: CaptureResult, pair: Pair) -> tu
 
     still = seen()
     taken = [response_to({pair.first: rows}, pair.first, first[pair.first]) for rows in effects[pair.first]]
-    if get_effect(pair.first).white:  # its response moves no cell; this one draw of chance does
-        taken[0] = clean(seen(*first.items())[0] - still[0])
     rows = []
     for size in nodes(second):
         both = seen(*first.items(), (pair.second, size))
         rows.append([clean(shown - before - own) for shown, before, own in zip(both, still, taken, strict=True)])
     vectors, pixels = (np.stack(values) for values in zip(*rows, strict=True))
-    return np.zeros_like(vectors) if second.white else vectors, pixels
+    if second.white or get_effect(pair.first).white:
+        # cells move as without what changes pixels by chance: one draw of it would stand against every capture
+        vectors = effects[pair.second][0]
+    return vectors, pixels
 
 
 def _both(pair: Pair) -> list[Sized]:

@@ -3,10 +3,10 @@
 Cached drapes go by the solver's own version (``simcore.version``).
 """
 
-MODEL_VERSION = "drapemeter-diagnosis/26"
-RESPONSES_VERSION = 2
+MODEL_VERSION = "drapemeter-diagnosis/27"
+RESPONSES_VERSION = 3
 """Raised when what is measured on a simulated picture changes."""
 PIXELS_VERSION = 6
 """The same of pixel statistics."""
-LED_VERSION = 2
+LED_VERSION = 3
 """Raised when captures lead the solver otherwise than before."""

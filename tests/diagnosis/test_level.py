@@ -206,3 +206,25 @@ def test_a_camera_that_leads_is_looked_through_in_the_second_look(
     assert look_again({"f": look}, weigh, "stretch")["f"].through == (ROTATION,)
     monkeypatch.setattr(refinement, "leader", lambda cause: None)
     assert look_again({"f": look}, weigh, "stretch")["f"].through == ()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.2, 0.5, 0.8, 1.0])
+@pytest.mark.parametrize("step", [0.0025, 0.005])
+def test_a_panel_that_reads_in_coarse_steps_keeps_its_place(step: float, share: float) -> None:
+    """With steps coarser than the noise most readings are alike: the others are a step away and no outliers."""
+    rng = np.random.default_rng(3)
+    known = np.ones((60, 80), dtype=bool)
+    reading = -0.009 + step * (rng.random(known.shape) < share)
+    reading[:, :2] = 0.06  # cloth where the simulation shows the panel
+    found = panel_plane(reading, known)
+    assert found[0] == pytest.approx(-0.009 + step * share, abs=1.5e-4)
+    assert np.abs(found[1:]).max() < 5e-4
+
+
+def test_coarse_steps_over_a_turned_panel_leave_its_slope() -> None:
+    rng = np.random.default_rng(4)
+    known = np.ones((60, 80), dtype=bool)
+    slope = np.linspace(-0.01, 0.01, 80)[None, :]
+    reading = np.round((slope + 0.0003 * rng.standard_normal(known.shape)) / 0.005) * 0.005 - 0.006
+    found = panel_plane(reading, known)
+    assert found == pytest.approx([-0.006, 0.01, 0.0], abs=5e-4)

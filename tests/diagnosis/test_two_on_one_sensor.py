@@ -50,7 +50,8 @@ def test_what_chance_does_to_cells_is_not_the_second_effects(monkeypatch: pytest
 
     def seen(depth: Any, sizes: Mapping[str, float], reference: Any) -> Any:
         value = 5.0 * sizes.get(stray.name, 0.0) + 2.0 * sizes.get(blur.name, 0.0)
-        return SimpleNamespace(vector=lambda: np.full(3, value), pixels=np.array([value]))
+        chance = 40.0 * sizes.get(stray.name, 0.0) * (-1.0 if blur.name in sizes else 1.0)  # another draw
+        return SimpleNamespace(vector=lambda: np.full(3, value + chance), pixels=np.array([value]))
 
     monkeypatch.setattr(together, "sensed", seen)
     monkeypatch.setattr(together, "with_effects", lambda scene, sizes: {name: size[SCALAR] for name, size in sizes})
@@ -68,6 +69,5 @@ def test_what_chance_does_to_cells_is_not_the_second_effects(monkeypatch: pytest
     )
     capture = cast(CaptureResult, Capture("seen", responses, SimpleNamespace(depth=None)))
     vectors, pixels = together.with_both(look, capture, [pair]).responses.beside[blur.name, stray.name]
-    own = [2.0 * s[SCALAR] for s in nodes(blur)]
-    np.testing.assert_allclose(vectors[:, 0], own, atol=1e-12)
-    np.testing.assert_allclose(pixels[:, 0], own, atol=1e-12)
+    np.testing.assert_array_equal(vectors, rows[blur.name][0])
+    np.testing.assert_allclose(pixels[:, 0], [2.0 * s[SCALAR] for s in nodes(blur)], atol=1e-12)
