@@ -25,6 +25,8 @@ UNSEEN_CORNER_M = 0.003
 """How far below a pin the cloth begins to stand out of the panel, on average over simulated and open captures [m]."""
 
 _OUTERMOST = 12
+_FAR = 2.5
+"""Of these, one further from their middle than so many times the median of them is none of the corner's."""
 
 _DIRECTIONS: dict[str, tuple[float, float]] = {
     "top_left": (-1.0, 1.0),
@@ -134,13 +136,16 @@ def _corners(points: NDArray[np.float64], frame: NDArray[np.float64], scene: Sce
     """The pinned corners of the cloth: the points furthest out along the diagonals, camera frame.
 
     Of the few outermost points the height is the most extreme one's and the rest their median: next to a pin the cloth
-    leaves the panel slowly sideways and steeply downwards, and flying pixels must not count.
+    leaves the panel slowly sideways and steeply downwards, and flying pixels must not count. Nor must one far from all
+    the others: a pixel of the panel beside the cloth's rim, which the holes round it let pass for cloth.
     """
     x, y = points @ frame[0], points @ frame[1]
     corners = {}
     for name in PIN_NAMES[scene]:
         right, up = _DIRECTIONS[name]
         outermost = np.argsort(right * x + up * y)[-_OUTERMOST:]
+        away = np.hypot(x[outermost] - np.median(x[outermost]), y[outermost] - np.median(y[outermost]))
+        outermost = outermost[away <= _FAR * np.median(away)]
         middle = np.median(points[outermost], axis=0)
         corners[name] = middle + (up * np.max(up * y[outermost]) - middle @ frame[1]) * frame[1]
     return corners

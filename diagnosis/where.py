@@ -180,9 +180,9 @@ class _Scene:
         share = self.model.dimension_share
         square, left = np.zeros(2)
         for block in self.blocks:
-            square += share * float(block.stated.measured @ block.stated.measured)
+            square += share * float(np.sum(block.stated.measured**2))
             left += share * float(np.sum((block.stated.measured - lead.on_block(block)) ** 2))
-        square += float(self.pixels.measured @ self.pixels.measured)
+        square += float(np.sum(self.pixels.measured**2))  # summed as what is left, so that nothing taken is nothing
         left += float(np.sum((self.pixels.measured - lead.on_numbers(self.pixels)) ** 2))
         return RegionGap(
             scene=self.name,

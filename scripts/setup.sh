@@ -8,11 +8,13 @@ cd "$(dirname "$0")/.."
 venv="${VENV:-.venv}"
 
 scripts/system-packages.sh
-if ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
+if [ ! -x "$venv/bin/python" ]; then
     python="$(scripts/find-python.sh)"
     echo "making $venv with $("$python" --version)"
-    "$python" -m venv --clear "$venv"
+    "$python" -m venv "$venv"
 fi
+# one that was cut off while it was made, or was made without it, has no pip yet
+"$venv/bin/python" -m pip --version >/dev/null 2>&1 || "$venv/bin/python" -m ensurepip
 echo "installing the pinned requirements (a few minutes the first time)"
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
     ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} --requirement requirements-dev.txt

@@ -8,9 +8,11 @@ from contextlib import asynccontextmanager
 from fastapi import APIRouter, FastAPI
 from starlette.routing import Route
 
+from services.api.body_limit import PLAIN_BODY_BYTES, BodyLimit
 from services.api.inference import Inference
+from services.api.key_first import KeyFirst
 from services.api.metrics import Metrics
-from services.api.middleware import PLAIN_BODY_BYTES, BodyLimit, KeyFirst, RequestRecord
+from services.api.middleware import RequestRecord
 from services.api.openapi import install_openapi
 from services.api.problems import install_problem_handlers
 from services.api.routes import (

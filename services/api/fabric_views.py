@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.api.patterns import NO_NUL
 from services.api.problems import ProblemError
 from services.db.fabrics import Fabric
+from services.patterns import NO_NUL
 from services.schemas import EXAMPLE_PARAMETERS, Parameters, Strict
 
 ShortText = Annotated[str, Field(min_length=1, max_length=80, pattern=NO_NUL)]

@@ -19,10 +19,10 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from services.api.auth import Caller
-from services.api.patterns import PRINTABLE
 from services.api.problems import ProblemError
 from services.db.engine import Database
 from services.db.idempotency import IdempotencyRecord
+from services.patterns import PRINTABLE
 
 IdempotencyKey = Annotated[
     str | None,

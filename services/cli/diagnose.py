@@ -75,25 +75,17 @@ def diagnose(
     from diagnosis.diagnose import DiagnosisOptions
     from diagnosis.meshing import check_resolution
 
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out} is a file: give a folder for the report", code="output_is_file")
-    check_folder(out, "give another folder for the report")
+    _check_out(out)
     if workers < 1:
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
-    if address is not None and not build_atlas:
-        raise InputError("--address is for --build-atlas: a diagnosis itself runs here, on --workers", code="address")
-    _check_modes(isolability, build_atlas, apply)
+    _check_modes(isolability, build_atlas, apply, address)
     check_resolution(resolution)
-    for name in (REPORT, PAGE, ISOLABILITY, SIMULATOR):
-        check_file(out / name)
     options = DiagnosisOptions(_names(effects), _names(without), resolution, workers, afresh, lpips)
     options.chosen()
     captures = CaptureSet.load(capture_set, read_pictures=not (isolability or build_atlas))
     if atlas is not None:
         check_folder(atlas, "give --atlas another folder")
     cache = default_cache() if atlas is None else open_atlas(atlas)
-    if build_atlas and cache.folder is None:
-        raise InputError("DRAPEMETER_CACHE is empty, so nothing would be kept: give --atlas", code="atlas_missing")
     if build_atlas:
         _build(captures, options, cache, address, json_output)
     elif isolability:
@@ -102,12 +94,27 @@ def diagnose(
         _diagnose(captures, options, cache, out, apply, json_output)
 
 
-def _check_modes(isolability: bool, build_atlas: bool, apply: bool) -> None:
+def _check_out(out: Path) -> None:
+    """Refuse a folder that could not take the report later.
+
+    Raises:
+        InputError: it is a file, cannot be made or written to, or holds folders where the files go.
+    """
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out} is a file: give a folder for the report", code="output_is_file")
+    check_folder(out, "give another folder for the report")
+    for name in (REPORT, PAGE, ISOLABILITY, SIMULATOR):
+        check_file(out / name)
+
+
+def _check_modes(isolability: bool, build_atlas: bool, apply: bool, address: str | None) -> None:
     """Refuse options of which one would be passed over.
 
     Raises:
-        InputError: two that exclude each other.
+        InputError: two that exclude each other, or a cluster for what runs here.
     """
+    if address is not None and not build_atlas:
+        raise InputError("--address is for --build-atlas: a diagnosis itself runs here, on --workers", code="address")
     if isolability and build_atlas:
         raise InputError("give --isolability or --build-atlas, one after the other", code="options_exclude")
     if apply and (isolability or build_atlas):
@@ -169,6 +176,8 @@ def _build(
     from diagnosis.atlas import build_atlas, solve_here
     from diagnosis.atlas_part import atlas_parts
 
+    if cache.folder is None:
+        raise InputError("DRAPEMETER_CACHE is empty, so nothing would be kept: give --atlas", code="atlas_missing")
     solve: PartSolver = solve_here
     if address is not None or options.workers > 1:
         from services.dataset.atlas import solver_on_ray

@@ -66,10 +66,7 @@ def simulate(
     from simcore.mesh import GridMesh
     from simcore.parameters import FabricParameters
 
-    if seed < 0:
-        raise InputError(f"seed {seed} is negative: give 0 or more", code="seed_negative")
-    if fabric is not None and capture_set is None:
-        raise InputError("--fabric names a fabric of a capture set: give --capture-set too", code="fabric_without_set")
+    check_options(seed, fabric, capture_set)
     cloth = FabricParameters.load(parameters)
     pictured = depth is not None or capture_set is not None
     nominal, changed = build_scene(scene, effect, cloth, seed, pictured=pictured, pin_radius_m=pin_radius)
@@ -93,6 +90,18 @@ def simulate(
     if not drape.ok:
         console.error_line(f"the drape is {drape.status}: {drape.reason}", CODE_NOT_STILL)
         raise typer.Exit(1)
+
+
+def check_options(seed: int, fabric: str | None, capture_set: Path | None) -> None:
+    """Refuse options that cannot be or would be passed over.
+
+    Raises:
+        InputError: a negative seed, or a fabric's id without a set.
+    """
+    if seed < 0:
+        raise InputError(f"seed {seed} is negative: give 0 or more", code="seed_negative")
+    if fabric is not None and capture_set is None:
+        raise InputError("--fabric names a fabric of a capture set: give --capture-set too", code="fabric_without_set")
 
 
 def build_scene(

@@ -99,7 +99,7 @@ class WorkerProcesses:
 
 
 def run_workers(settings: Settings) -> None:
-    """As many workers as the settings say and no server, until SIGTERM or SIGINT; one works in this process itself."""
+    """As many workers as the settings say and at least one, without a server, until SIGTERM or SIGINT."""
     if settings.workers <= 1:
         run_worker(settings)
         return

@@ -17,9 +17,9 @@ from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
 from pydantic import BaseModel, ConfigDict, Field
 
-from services.api.middleware import BodyLimit
-from services.api.patterns import PRINTABLE
+from services.api.body_limit import BodyLimit
 from services.db.studies import StudyParticipant
+from services.patterns import PRINTABLE
 from services.web.study_store import StudyStore
 from simcore.errors import InputError
 

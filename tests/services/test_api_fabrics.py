@@ -9,7 +9,13 @@ from typing import Any
 
 import httpx
 import pytest
+from fastapi.responses import JSONResponse
+from sqlalchemy.orm import Session
 
+from services.api.auth import EVERYBODY
+from services.api.idempotency import Answer, Once, fingerprint
+from services.api.problems import ProblemError
+from services.db.engine import Database
 from tests.services.served import QUICK, SOFT, STIFF, finished, serving
 
 
@@ -149,3 +155,28 @@ def test_search_ranks_the_library_by_drape(client: httpx.Client) -> None:
     answer = client.post("/v1/fabrics/search", json={"reference": {**STIFF, "density": 0.21}, "limit": 1, **QUICK})
     job = finished(client, answer.headers["location"])
     assert [r["name"] for r in job["result"]["ranking"]] == ["board"]
+
+
+def test_a_conflict_with_the_same_request_is_its_first_answer(database: Database) -> None:
+    """The other of two alike was stored between the look for its answer and the look whether the reference is free."""
+
+    def once(key: str | None) -> Once:
+        return Once(database, EVERYBODY, key, fingerprint("fabrics", {"n": 1}))
+
+    first = once("k").answer(lambda session: Answer(201, {"id": "one"}))
+
+    def taken(session: Session) -> Answer:
+        raise ProblemError(409, "plm_ref_taken", "it is there")
+
+    late = once("k")
+    looks = iter([None])  # the first look finds nothing yet
+
+    class Late(Once):
+        def _replay(self, session: Session) -> JSONResponse | None:
+            return next(looks, super()._replay(session))
+
+    again = Late(late.database, late.caller, late.key, late.fingerprint).answer(taken)
+    assert (again.status_code, again.body) == (201, first.body) and again.headers["idempotent-replayed"] == "true"
+    with pytest.raises(ProblemError) as caught:
+        once(None).answer(taken)
+    assert caught.value.code == "plm_ref_taken"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -18,11 +19,11 @@ import pytest
 from sqlalchemy import select
 
 from services.db.engine import Database
-from services.db.jobs import Job, JobStatus
+from services.db.jobs import Job, JobStatus, Worker
 from services.jobs.queue import enqueue, request_cancel
 from services.settings import Settings
 from tests.services.job_functions import work_slowly
-from tests.services.served import QUICK, SOFT, STIFF, Served, finished, serving
+from tests.services.served import COMMAND, QUICK, SOFT, STIFF, Served, environment, finished, serving
 
 
 @contextmanager
@@ -175,3 +176,23 @@ def test_a_real_job_survives_the_kill_of_its_worker_and_of_its_server(tmp_path: 
         job = finished(client, location)
         assert job["problem"] is None
         assert served.stop() == 0
+
+
+def test_workers_alone_are_as_many_as_asked_for_and_end_together(database: Database, tmp_path: Path) -> None:
+    env = environment(tmp_path, DRAPEMETER_DATABASE=str(database.url))
+    process = subprocess.Popen(
+        [*COMMAND, "serve", "--worker-only", "--workers", "2"], env=env, stderr=subprocess.DEVNULL
+    )
+    try:
+        deadline = time.monotonic() + 120
+        alive: list[str] = []
+        while len(alive) < 2 and time.monotonic() < deadline:
+            time.sleep(0.1)
+            with database.read() as session:
+                alive = list(session.scalars(select(Worker.id)))
+        assert len(alive) == 2
+    finally:
+        process.terminate()
+    assert process.wait(60) == 0
+    with database.read() as session:
+        assert list(session.scalars(select(Worker.id))) == []

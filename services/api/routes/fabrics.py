@@ -26,12 +26,12 @@ from services.api.fabric_views import (
 )
 from services.api.idempotency import Answer, IdempotencyKey, Once, fingerprint
 from services.api.paging import Cursor, Limit, decode_cursor, encode_cursor
-from services.api.patterns import NO_NUL, PRINTABLE
 from services.api.problems import ProblemError
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.db.base import utc_now
 from services.db.fabrics import Fabric
+from services.patterns import NO_NUL, PRINTABLE
 
 router = APIRouter(prefix="/v1/fabrics", tags=["fabrics"])
 State = Annotated[ServiceState, Depends(get_state)]

@@ -11,13 +11,13 @@ from sqlalchemy.orm import Session, undefer
 
 from services.api.auth import Caller, get_caller
 from services.api.documented import problems
-from services.api.patterns import PRINTABLE
 from services.api.problems import ProblemError
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.api.views import JobView, job_headers, view_job
 from services.db.jobs import Job, JobFile, JobStatus
 from services.jobs.queue import request_cancel
+from services.patterns import PRINTABLE
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 State = Annotated[ServiceState, Depends(get_state)]

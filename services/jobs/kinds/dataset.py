@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from services.api.patterns import PRINTABLE
 from services.jobs.task import Report, Task, TaskOutput
+from services.patterns import PRINTABLE
 from services.schemas import Strict
 
 if TYPE_CHECKING:
