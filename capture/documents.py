@@ -10,7 +10,7 @@ import json
 import math
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from renderer.camera import Camera
 from simcore.errors import InputError
@@ -19,11 +19,21 @@ from simcore.parameters import ESTIMATED_NAMES, LIMITS, UNITS
 
 FORMAT: Final = "drape-capture-set/1"
 
-Vector3 = tuple[float, float, float]
-Row = tuple[float, float, float, float]
+
+def _whole(value: object) -> object:
+    """A whole number written with a point, as JSON allows (640.0), without it."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+# a text or a truth value is no number, though pydantic would take "0.2" and true for one
+Number = Annotated[float, Field(strict=True)]
+Vector3 = tuple[Number, Number, Number]
+Row = tuple[Number, Number, Number, Number]
 Pose = tuple[Row, Row, Row, Row]
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
+Positive = Annotated[Number, Field(gt=0.0)]
+NotNegative = Annotated[Number, Field(ge=0.0)]
+Pixels = Annotated[int, Field(strict=True, ge=1, le=16384), BeforeValidator(_whole)]
+Truth = Annotated[bool, Field(strict=True)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
@@ -34,13 +44,13 @@ class _Model(BaseModel):
 class CameraDocument(_Model):
     """Intrinsics in the OpenCV convention (see :class:`renderer.camera.Camera`)."""
 
-    width: Annotated[int, Field(ge=1, le=16384)]
-    height: Annotated[int, Field(ge=1, le=16384)]
+    width: Pixels
+    height: Pixels
     fx: Positive
     fy: Positive
-    cx: float
-    cy: float
-    distortion: tuple[float, float, float, float, float] | None = None
+    cx: Number
+    cy: Number
+    distortion: tuple[Number, Number, Number, Number, Number] | None = None
     depth_unit_m: Positive
 
     def as_camera(self) -> Camera:
@@ -84,7 +94,7 @@ class SetupDocument(_Model):
 
     sample_size_m: tuple[Positive, Positive] | None = None
     camera_from_panel: Pose | None = None
-    panel: bool | None = None
+    panel: Truth | None = None
     pins_m: dict[str, dict[str, Vector3]] | None = None
     pin_radius_m: NotNegative | None = None
 
@@ -101,12 +111,12 @@ class SetupDocument(_Model):
 class MechanicsDocument(_Model):
     """The six mechanical parameters of a fabric, where they are known."""
 
-    stretch_warp: float
-    stretch_weft: float
-    stretch_bias: float
-    bending_warp: float
-    bending_weft: float
-    bending_bias: float
+    stretch_warp: Number
+    stretch_weft: Number
+    stretch_bias: Number
+    bending_warp: Number
+    bending_weft: Number
+    bending_bias: Number
 
     @field_validator(*ESTIMATED_NAMES)
     @classmethod
@@ -118,7 +128,7 @@ class FabricDocument(_Model):
     """One fabric of the set."""
 
     id: Name
-    density: float | None = None
+    density: Number | None = None
     parameters: MechanicsDocument | None = None
     parameters_cv: NotNegative | None = None
     density_cv: NotNegative | None = None
@@ -135,7 +145,7 @@ class CaptureDocument(_Model):
     id: Name
     fabric: Name
     scene: Literal["hanging", "stretch"]
-    repeat: Annotated[int, Field(ge=0)] | None = None
+    repeat: Annotated[int, Field(strict=True, ge=0), BeforeValidator(_whole)] | None = None
     depth: Name
     camera: CameraDocument | None = None
     setup: SetupDocument | None = None
@@ -263,6 +273,13 @@ def _first_not_finite(value: Any, place: str = "") -> str | None:
     return next((found for name, item in children if (found := _first_not_finite(item, name)) is not None), None)
 
 
+_NEEDED: Final = {
+    "float_type": "a number (without quotes)",
+    "int_type": "a whole number (without quotes)",
+    "bool_type": "true or false (without quotes)",
+}
+
+
 def _as_input_error(error: ValidationError, source: str) -> InputError:
     """The first complaint of pydantic as one line of ours."""
     found = error.errors(include_url=False)
@@ -273,6 +290,15 @@ def _as_input_error(error: ValidationError, source: str) -> InputError:
         message, code = f"unknown scene {first['input']!r}: choose hanging or stretch", "scene_unknown"
     elif first["type"] == "missing":
         message = "is missing"
+    elif first["type"] in _NEEDED:
+        given = (
+            "a list"
+            if isinstance(first["input"], list)
+            else "an object"
+            if isinstance(first["input"], dict)
+            else json.dumps(first["input"], ensure_ascii=False)[:80]
+        )
+        message = f"{given} where {_NEEDED[first['type']]} is needed"
     elif first["type"] == "value_error":
         code = "parameter_out_of_range"
     # a list whose only entry was refused is called too short besides

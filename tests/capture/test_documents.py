@@ -162,6 +162,15 @@ SIX = {name: LIMITS[name][0] * 10 for name in ESTIMATED_NAMES}
         (put("fabrics/0/density", 200.0), "parameter_out_of_range", "kg/m²"),
         (put("fabrics/0/density", float("inf")), "number_not_finite", "fabrics[0].density"),
         (put("fabrics/0/density", "heavy"), "capture_set_invalid", "fabrics[0].density"),
+        (put("fabrics/0/density", "0.2"), "capture_set_invalid", 'density: "0.2" where a number (without quotes)'),
+        (put("fabrics/0/density", True), "capture_set_invalid", "density: true where a number"),
+        (put("fabrics/0/density", [0.2]), "capture_set_invalid", "density: a list where a number"),
+        (put("camera/width", "4"), "capture_set_invalid", "camera.width"),
+        (put("camera/width", 4.5), "capture_set_invalid", "camera.width: 4.5 where a whole number"),
+        (put("camera/fx", 10**400), "capture_set_invalid", "camera.fx"),
+        (put("captures/0/repeat", "0"), "capture_set_invalid", "captures[0].repeat"),
+        (put("setup", {"panel": "yes"}), "capture_set_invalid", "setup.panel"),
+        (put("setup", {"sample_size_m": ["0.5", 0.5]}), "capture_set_invalid", "setup.sample_size_m[0]"),
         (put("fabrics/0/parameters", {**SIX, "bending_warp": -1e-5}), "parameter_out_of_range", "bending_warp"),
         (put("fabrics/0/parameters", {**SIX, "stretch_warp": 1e9}), "parameter_out_of_range", "stretch_warp"),
         (put("fabrics/0/parameters", {"stretch_warp": 100.0}), "capture_set_invalid", "is missing"),
@@ -174,6 +183,14 @@ def test_what_is_wrong_is_named_in_one_line(document: Any, code: str, said: str)
     assert caught.value.code == code
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_whole_numbers_may_have_a_point_and_others_may_lack_one() -> None:
+    document = put("camera/width", 4.0)
+    document["camera"]["fx"] = 4
+    document["captures"][0]["repeat"] = 1.0
+    read = parse_document(json.dumps(document), "captures.json")
+    assert (read.camera.width, read.camera.fx, read.captures[0].repeat) == (4, 4.0, 1)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[" * 100_000, '{"format": '])
