@@ -17,7 +17,17 @@ from simcore.scenes import Scene
 from trainer.augment import Augmenter
 from trainer.calibrate import calibrate
 from trainer.config import TrainConfig
-from trainer.dataset import SCENES, Batch, PairStream, Partition, PictureSource, PictureTable, batches, check_lanes
+from trainer.dataset import (
+    SCENES,
+    Batch,
+    PairStream,
+    Partition,
+    PictureSource,
+    PictureTable,
+    batches,
+    check_lanes,
+    pair_up,
+)
 from trainer.distributed import average_gradients, average_statistics, broadcast_state
 from trainer.evaluate import evaluate
 from trainer.model import TrainedModel, round_weights
@@ -122,7 +132,7 @@ def learn(
         record["start"] = {"model_version": start.version, "provenance": earlier}
     broadcast_state(network, partition)
     stream = PairStream(source, training, size=config.network.input_size, seed=config.seed, partition=partition)
-    pairs = batches(stream, max(1, config.batch_size // len(SCENES)), config.workers)
+    pairs = batches(stream, pairs_of_batch(training, config), config.workers)
     fit(network, pairs, steps_of(training, config, partition), config, scaling, partition=partition, report=report)
     return Learnt(config, network, source, table, split, scaling, record)
 
@@ -178,6 +188,11 @@ def build_network(config: TrainConfig) -> tuple[DrapeNetwork, BaseWeights | None
         if config.pretrained:
             base = load_pretrained_trunk(network.trunk)
     return network, base
+
+
+def pairs_of_batch(training: PictureTable, config: TrainConfig) -> int:
+    """Pairs that hold ``batch_size`` pictures in the mean: half as many, all where a store has one scene alone."""
+    return max(1, math.floor(config.batch_size * len(pair_up(training, None)) / max(1, len(training))))
 
 
 def steps_of(training: PictureTable, config: TrainConfig, partition: Partition) -> int:

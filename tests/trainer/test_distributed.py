@@ -13,7 +13,7 @@ from torch import nn
 from trainer.config import TrainConfig
 from trainer.dataset import Partition
 from trainer.distributed import average_gradients, average_statistics, broadcast_state
-from trainer.train import steps_of
+from trainer.train import pairs_of_batch, steps_of
 
 from .analytic import AnalyticSource
 
@@ -64,3 +64,11 @@ def test_ranks_share_the_steps_of_an_epoch() -> None:
     config = TrainConfig(epochs=3, batch_size=16)
     assert [steps_of(table, config, Partition(0, ranks)) for ranks in (1, 2, 5)] == [30, 15, 6]
     assert steps_of(table, TrainConfig(epochs=3, batch_size=16, pictures_per_epoch=32), Partition()) == 6
+
+
+def test_an_epoch_shows_every_picture_of_a_store_with_one_scene_too() -> None:
+    both = AnalyticSource(materials=40, jitters=2).table()
+    one = both.take(both.scene == 1)
+    config = TrainConfig(epochs=1, batch_size=16)
+    assert (pairs_of_batch(both, config), pairs_of_batch(one, config)) == (8, 16)
+    assert steps_of(one, config, Partition()) * pairs_of_batch(one, config) == len(one)
