@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore import lang
+from simcore import friction, lang
 from simcore.checks import check_request
 from simcore.contact import REACH_M, PanelContact
 from simcore.crossings import count_crossings
@@ -152,8 +152,10 @@ class Solver:
         x = None if start is None else start.vertices.reshape(levels[-1].grid.shape).copy()
         iterations = 0
         rest: Rest | None = None
+        pressing: Array | None = None
+        rubs = problem.mechanics.friction > 0.0 and problem.setup.panel
         for level in levels:
-            x, count = self._begin(level, x, problem)
+            x, count = self._begin(level, x, problem, pressing)
             iterations += count
             if problem.own_contact and problem.start is None and not math.isfinite(level.energy(x)):
                 # interpolated, parts in touch cross: put up on these cells, which is slow but never lets them
@@ -166,6 +168,9 @@ class Solver:
             if problem.own_contact:
                 options = replace(options, largest_step=OWN_CONTACT_STEP)
             rest = Newton(level, options, problem.deadline).minimise(x)
+            if rubs:
+                rest = friction.settle(level, rest, problem.mechanics.friction, options, problem.deadline)
+                pressing = friction.pressure(level, rest.x)
             x = rest.x
             iterations += rest.iterations
             if not last:
@@ -173,8 +178,13 @@ class Solver:
         assert rest is not None
         return rest, iterations
 
-    def _begin(self, level: Level, x: Array | None, problem: _Problem) -> tuple[Array, int]:
-        """Set a level up for the fabric and give it positions to start from, with the steps that took."""
+    def _begin(
+        self, level: Level, x: Array | None, problem: _Problem, pressing: Array | None = None
+    ) -> tuple[Array, int]:
+        """Set a level up for the fabric and give it positions to start from, with the steps that took.
+
+        ``pressing``: pressures on the panel where the level before came to rest [Pa], for friction.
+        """
         grid, fabric, setup, mechanics = level.grid, problem.fabric, problem.setup, problem.mechanics
         perturbation = problem.perturbation
         pins = Pins.of(grid, setup, perturbation.pin_moves)
@@ -194,9 +204,8 @@ class Solver:
             free = pins.fixed == 0
             x[..., 2][free] = np.maximum(x[..., 2][free], 0.2 * REACH_M)
         if mechanics.friction > 0.0 and setup.panel:
-            # what presses now holds where it is now: friction remembers how the sample was put up
-            force = mechanics.friction * contact.normal_force(x, pins.fixed)
-            level.touch(replace(contact, friction_force=force, anchor=x[..., :2].copy()))
+            # what presses holds where it is now: friction remembers how the sample was put up
+            friction.hold(level, x, mechanics.friction, pressing)
         return x, steps
 
     def _refine(self, level: Level, x: Array, own_contact: bool) -> Array:

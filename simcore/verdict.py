@@ -8,7 +8,7 @@ import numpy as np
 
 from simcore.drape import DrapeStatus
 from simcore.mesh import GridMesh
-from simcore.newton import Rest
+from simcore.newton import NewtonOptions, Rest
 from simcore.resolution import kinked_share, largest_share
 
 
@@ -25,10 +25,7 @@ def verdict(mesh: GridMesh, rest: Rest, crossings: int, late: bool) -> tuple[Dra
         return DrapeStatus.DIVERGED, "positions are not finite"
     said = "time limit; " if late else ""
     if not rest.converged:
-        return (
-            DrapeStatus.NOT_STILL,
-            f"{said}residual {rest.residual:.2g} vertex weights after {rest.iterations} steps",
-        )
+        return DrapeStatus.NOT_STILL, f"{said}{_unrest(rest, late)} after {rest.iterations} steps"
     if crossings:
         return DrapeStatus.NOT_STILL, f"{said}the cloth passes through itself: {crossings} edges pierce a triangle"
     if (share := kinked_share(rest.x)) > largest_share(mesh.resolution_m):
@@ -37,3 +34,12 @@ def verdict(mesh: GridMesh, rest: Rest, crossings: int, late: bool) -> tuple[Dra
             f"use a mesh finer than {1e3 * mesh.resolution_m:g} mm"
         )
     return DrapeStatus.STILL, ""
+
+
+def _unrest(rest: Rest, late: bool) -> str:
+    """What keeps a sample from being at rest."""
+    if rest.residual >= NewtonOptions().tolerance or late:
+        return f"residual {rest.residual:.2g} vertex weights"
+    if not rest.stable:
+        return "at a saddle that was not left"
+    return "friction on the panel and what presses there had not settled"

@@ -49,7 +49,8 @@ class BatchSolver:
 
     The same cascade, kernels and certificate as :class:`~simcore.solver.Solver`; linear systems by batched block
     Cholesky. Samples that do not come to rest here, or that pass through themselves, are put up again by ``Solver``,
-    which knows contact of the cloth with itself. One a process, not thread-safe.
+    which knows contact of the cloth with itself; those with friction are put up by it alone, since their normal forces
+    take rounds of their own. One a process, not thread-safe.
 
     Args:
         mesh: of every sample.
@@ -83,10 +84,13 @@ class BatchSolver:
         """
         for request in requests:
             check_request(self.mesh, request.setup, None, time_limit_s)
+        alone = {n for n, r in enumerate(requests) if r.mechanics.friction > 0.0 and r.setup.panel}
+        together = [r for n, r in enumerate(requests) if n not in alone]
         drapes: list[Drape] = []
-        for first in range(0, len(requests), self.most):
-            drapes += self._batch(requests[first : first + self.most], time_limit_s)
-        return drapes
+        for first in range(0, len(together), self.most):
+            drapes += self._batch(together[first : first + self.most], time_limit_s)
+        batched = iter(drapes)
+        return [self._put_up(r, time_limit_s) if n in alone else next(batched) for n, r in enumerate(requests)]
 
     def _batch(self, requests: Sequence[Request], time_limit_s: float | None) -> list[Drape]:
         began = time.process_time()
@@ -103,7 +107,8 @@ class BatchSolver:
             )  # fmt: skip
             judged = verdict(self.mesh, own, self._crossings(own), late=False)
             if judged[0] in (DrapeStatus.NOT_STILL, DrapeStatus.DIVERGED):
-                again = self._put_up_again(request, time_limit_s)
+                self.put_up_again += 1
+                again = self._put_up(request, time_limit_s)
                 drapes.append(replace(again, seconds=again.seconds + seconds))
                 continue
             drapes.append(
@@ -117,8 +122,8 @@ class BatchSolver:
     def _crossings(self, rest: Rest) -> int:
         return count_crossings(rest.x.reshape(-1, 3), self.mesh.triangles) if rest.converged else 0
 
-    def _put_up_again(self, request: Request, time_limit_s: float | None) -> Drape:
-        self.put_up_again += 1
+    def _put_up(self, request: Request, time_limit_s: float | None) -> Drape:
+        """By the solver of single drapes."""
         if self._single is None:
             self._single = Solver(self.mesh)
         return self._single.solve(
@@ -173,27 +178,7 @@ class BatchSolver:
         x = held.hold(level, x, 1.0)
         guarded = level.free[..., 0] & level.panel[:, None, None]
         x[..., 2] = torch.where(guarded, x[..., 2].clamp(min=0.2 * REACH_M), x[..., 2])
-        if any(r.mechanics.friction > 0.0 and r.setup.panel for r in requests):
-            self._hold_by_friction(level, x, requests, contacts, pins)
         return x
-
-    def _hold_by_friction(
-        self,
-        level: BatchLevel,
-        x: Tensor,
-        requests: Sequence[Request],
-        contacts: Sequence[PanelContact],
-        pins: Sequence[Pins],
-    ) -> None:
-        """What presses now holds where it is now: friction remembers how the samples were put up."""
-        positions = self.device.get(x)
-        numbers = []
-        for request, contact, pin, own in zip(requests, contacts, pins, positions, strict=True):
-            if request.mechanics.friction > 0.0 and request.setup.panel:
-                force = request.mechanics.friction * contact.normal_force(own, pin.fixed)
-                contact = replace(contact, friction_force=force, anchor=own[..., :2].copy())
-            numbers.append(contact.numbers())
-        level.cloths.panel.copy_(self.device.put(np.stack(numbers)))
 
 
 def _sequence(seed: int | Sequence[int] | np.random.SeedSequence) -> np.random.SeedSequence:

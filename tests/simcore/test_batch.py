@@ -93,6 +93,8 @@ def test_friction_holds_in_a_batch_too(batch: BatchSolver) -> None:
     sliding, held = batch.solve([Request(FABRICS["medium"], STRETCH, seed=1), rubbing])
     assert sliding.ok and held.ok
     assert np.abs(sliding.vertices - held.vertices).max() > 1e-5
+    own = Solver(MESH).solve(rubbing.fabric, rubbing.setup, seed=1, mechanics=rubbing.mechanics)
+    assert own.vertices.tobytes() == held.vertices.tobytes()
 
 
 def test_the_same_batch_gives_the_same_bits(batch: BatchSolver, drapes: list[Drape]) -> None:

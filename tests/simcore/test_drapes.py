@@ -185,6 +185,28 @@ def test_every_hook_comes_to_rest_and_shows(hook: str, solver: Solver, drapes: D
     assert depth_difference_mm(drape, drapes["medium", Scene.STRETCH]) > 0.02
 
 
+@pytest.mark.parametrize("scene", Scene)
+def test_friction_holds_what_presses_at_rest_and_nothing_else(scene: Scene, solver: Solver) -> None:
+    drape = solver.solve(FABRICS["medium"], Setup.nominal(scene), mechanics=Mechanics(friction=0.4), seed=2)
+    assert drape.ok, drape.reason
+    level, x = solver.levels[-1], positions(drape)
+    bound, push = level.contact.friction_force, level.contact.normal_force(x, level.fixed)
+    assert bound is not None and push.sum() > 0.0
+    assert np.abs(bound - 0.4 * push).sum() < 0.06 * 0.4 * push.sum()
+    assert bound[x[..., 2] > 1.5e-3].sum() < 0.02 * bound.sum()
+
+
+def test_friction_of_a_drape_that_is_continued_changes_little(solver: Solver, drapes: Drapes) -> None:
+    """The panel holds a drape where it rests already."""
+    first = drapes["medium", Scene.STRETCH]
+    setup = Setup.nominal(Scene.STRETCH)
+    held = solver.solve(FABRICS["medium"], setup, start=first, jitter=NO_JITTER, mechanics=Mechanics(friction=0.4))
+    free = solver.solve(FABRICS["medium"], setup, start=first, jitter=NO_JITTER)
+    assert held.ok and free.ok
+    away = [np.abs(d.vertices - first.vertices).max() for d in (held, free)]
+    assert away[0] <= away[1] + 1e-4
+
+
 def test_more_pressure_on_the_panel_means_more_contact(solver: Solver) -> None:
     setup = Setup.nominal(Scene.HANGING)
     pressed, blown = (

@@ -72,5 +72,10 @@ def test_what_is_worse_than_kinks_is_said_first() -> None:
     status, reason = verdict(mesh, moving, 3, late=False)
     assert status is DrapeStatus.NOT_STILL and reason == "residual 0.2 vertex weights after 12 steps"
     assert verdict(mesh, moving, 3, late=True) == (DrapeStatus.NOT_STILL, f"time limit; {reason}")
+    late = verdict(mesh, replace(moving, residual=1e-5), 0, late=True)[1]
+    assert late == "time limit; residual 1e-05 vertex weights after 12 steps"
+    for stable, said in ((False, "saddle"), (True, "friction")):
+        status, reason = verdict(mesh, replace(moving, residual=1e-5, stable=stable), 0, late=False)
+        assert status is DrapeStatus.NOT_STILL and said in reason
     for gone in (replace(moving, x=np.full_like(folded.x, np.nan)), replace(moving, residual=math.nan)):
         assert verdict(mesh, gone, 0, late=True)[0] is DrapeStatus.DIVERGED
