@@ -15,10 +15,8 @@ from simcore.parameters import FabricParameters
 
 Array = NDArray[np.float64]
 
-SAMPLED_CELL_M = 0.0201
-"""Largest cell at whose vertices rest curvatures are taken as they are; the catalogue's are no narrower [m]."""
-SUBCELLS = 10
-"""Points along each side of a larger cell over which they are averaged."""
+PART_M = 2.5e-3
+"""Longest part of a cell over which a rest curvature counts as uniform [m]; a cell has two at least."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +68,21 @@ def rest_moments(grid: Grid, plate: PlateRigidity, mechanics: Mechanics) -> Arra
 
 
 def _of_cells(field: CurvatureField, grid: Grid, u: Array, v: Array, size: tuple[float, float]) -> tuple[Array, Array]:
-    """A rest curvature at vertices; on coarse cells its mean round each, since what is narrower could fall between."""
-    if max(grid.hu, grid.hv) <= SAMPLED_CELL_M:
-        return field.evaluate(u, v, size)
-    shares = (np.arange(SUBCELLS) + 0.5) / SUBCELLS - 0.5
-    parts = [field.evaluate(u + a * grid.hu, v + b * grid.hv, size) for a in shares for b in shares]
-    return np.mean([part[0] for part in parts], axis=0), np.mean([part[1] for part in parts], axis=0)
+    """A rest curvature's moments at vertices: its mean over the cells at either side, weighted by the hat function.
+
+    With these a strip of cells takes at its vertices the shape that the curvature gives it, however narrow that is;
+    a uniform curvature stays as it is, and a fold keeps its angle.
+    """
+    weft, warp = np.zeros(u.shape), np.zeros(u.shape)
+    for along, weight in _hat(grid.hu):
+        weft += weight * field.evaluate(np.clip(u + along, 0.0, size[0]), v, size)[0]
+    for along, weight in _hat(grid.hv):
+        warp += weight * field.evaluate(u, np.clip(v + along, 0.0, size[1]), size)[1]
+    return weft, warp
+
+
+def _hat(cell_m: float) -> list[tuple[float, float]]:
+    """Midpoints of equal parts of the two cells round a vertex [m] and their weights, which add up to one."""
+    parts = max(2, math.ceil(cell_m / PART_M))
+    places = (np.arange(2 * parts) + 0.5) / parts - 1.0
+    return [(float(a) * cell_m, (1.0 - abs(float(a))) / parts) for a in places]

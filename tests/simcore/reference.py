@@ -164,12 +164,16 @@ class Cloth:
         size = ((columns - 1) * self.hu, (rows - 1) * self.hv)
         weft, warp = np.zeros((rows, columns)), np.zeros((rows, columns))
         for rest in self.mechanics.rest_curvature:
-            # on cells of more than 20 mm the mean of ten by ten places round each vertex
-            places = [(k - 4.5) / 10 for k in range(10)] if max(self.hu, self.hv) > 0.0201 else [0.0]
-            for right in places:
-                for down in places:
-                    a, b = rest.evaluate(u + right * self.hu, v + down * self.hv, size)
-                    weft, warp = weft + a / len(places) ** 2, warp + b / len(places) ** 2
+            # the mean over the two cells at either side that a tent over them gives, in parts of 2.5 mm
+            for step, along_u in ((self.hu, True), (self.hv, False)):
+                n = max(2, math.ceil(step / 2.5e-3))
+                for k in range(-n, n):
+                    away = (k + 0.5) / n
+                    share = (1.0 - abs(away)) / n
+                    if along_u:
+                        weft = weft + share * rest.evaluate(np.clip(u + away * step, 0, size[0]), v, size)[0]
+                    else:
+                        warp = warp + share * rest.evaluate(u, np.clip(v + away * step, 0, size[1]), size)[1]
         d11, d22, d12, *_ = self.plate()
         area = self.areas()
         mu, mv = area * d11 * weft, area * d22 * warp
