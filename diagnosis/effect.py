@@ -102,7 +102,7 @@ class Effect:
         vague: pixel statistics that it changes by more or less, as chance has it.
         twin: an effect that differs from it only in how its sizes go with the fabrics' density.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
-        fine: what it does hangs on strains that coarse cells do not hold: responses to it are simulated on fine ones.
+        fine: coarse cells do not hold what it does (strains, a narrow strip), so it is simulated on fine ones.
     """
 
     name: str

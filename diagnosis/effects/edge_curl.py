@@ -22,6 +22,7 @@ EFFECT = Effect(
     hook="mechanics.rest_curvature",
     source="Curl of single jersey knits.",
     change=change,
+    fine=True,
     places=({"width_m": 0.025}, {"width_m": 0.045}),
     where="`width_m`: width of the strip [m]",
 )
