@@ -106,8 +106,11 @@ class FeatureCache:
 
 
 def feature_key(backend: Backend, render: DrapeRender) -> str:
-    """Key of a render's features: back end and content of the picture it reads."""
-    content = render.shaded_key if backend.channel is Channel.SHADED else render.depth_key
+    """Key of a render's features: back end and content of what it reads."""
+    if backend.channel is Channel.SHADED:
+        content = render.shaded_key
+    else:  # heights and normals depend on where the panel and the camera are, too
+        content = f"{render.depth_key}:{render.camera!r}:{render.panel_depth_m!r}"
     return hashlib.sha256(f"{backend.fingerprint}:{content}".encode()).hexdigest()
 
 

@@ -9,7 +9,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from metric.render import DrapeRender
 from renderer.camera import CANONICAL_CAMERA
 
 CACHE_VARIABLE = "DRAPEMETER_CACHE"
-_ENGINES = ("taichi", "open3d", "numpy", "scipy")
+_ENGINES = ("taichi", "open3d", "numpy", "scipy", "mkl")
 
 
 def default_cache_folder() -> Path:
@@ -53,7 +53,9 @@ class RenderCache:
                     camera=CANONICAL_CAMERA,
                     panel_depth_m=float(data["panel_depth_m"]),
                 )
-                return RequestResult(request, render, tuple(str(f) for f in data["failures"]))
+                failures = tuple(str(f) for f in data["failures"])
+                # with fewer attempts it would not have come to rest
+                return RequestResult(request, render, failures) if len(failures) < request.attempts else None
         except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
             return None
 
@@ -84,13 +86,21 @@ class RenderCache:
         return self.folder / f"{hashlib.sha256(':'.join(words).encode()).hexdigest()}.npz"
 
 
+def _version(package: str) -> str:
+    """Of an installed package; not all are to be had on every machine."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "absent"
+
+
 @cache
 def engine_fingerprint() -> str:
     """sha256 over the source and the engines' versions of everything that decides what a render looks like."""
     import renderer
     import simcore
 
-    versions = ",".join(f"{name} {version(name)}" for name in _ENGINES)
+    versions = ",".join(f"{name} {_version(name)}" for name in _ENGINES)
     digest = hashlib.sha256(versions.encode())
     for package in (simcore, renderer):
         for path in sorted(Path(package.__path__[0]).rglob("*.py")):

@@ -94,6 +94,21 @@ def test_a_damaged_cache_file_is_computed_again(make_render: MakeRender, tmp_pat
     assert again.passes == 1
 
 
+def test_features_of_heights_are_kept_apart_by_where_the_panel_is() -> None:
+    backend, cache = get_backend("depth"), FeatureCache()
+    near, far = np.zeros((64, 64), np.float32), np.zeros((64, 64), np.float32)
+    near[10:50, 10:50], far[12:50, 10:50] = 0.84, 0.85
+
+    def distance(panel_depth_m: float, kept: FeatureCache) -> float:
+        pair = [DrapeRender(depth=depth, panel_depth_m=panel_depth_m) for depth in (near, far)]
+        features = kept.features(backend, pair)
+        return float(backend.table(features[:1], features[1:])[0, 0])
+
+    alone = [distance(panel, FeatureCache()) for panel in (0.9, 1.2)]
+    assert alone[0] != alone[1]
+    assert [distance(panel, cache) for panel in (0.9, 1.2)] == alone
+
+
 def test_self_distance_leaves_the_diagonal_out(make_render: MakeRender) -> None:
     a = sets(make_render, 2.0, 4)
     found = drape_distance(a, None, CountingBackend())

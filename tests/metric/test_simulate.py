@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -140,6 +141,9 @@ def test_the_cache_keeps_apart_what_differs(tmp_path: Path, monkeypatch: pytest.
         DrapeRequest(MEDIUM, Scene.HANGING, 0, 0, 0.05),
     ):
         assert cache.load(other) is None
+    # its first attempt did not come to rest
+    assert cache.load(replace(request, attempts=1)) is None
+    assert cache.load(replace(request, attempts=2)) is not None
     for path in tmp_path.glob("*.npz"):
         path.write_bytes(path.read_bytes()[:200])
     assert cache.load(request) is None
