@@ -105,7 +105,7 @@ class CaptureSet:
                 code="capture_set_missing",
             )
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")
         except FileNotFoundError:
             raise InputError(
                 f"{folder}: not a capture set, it has no {CAPTURES_FILE}; "

@@ -18,8 +18,14 @@ from simcore.scenes import GRAVITY_M_S2, Vector3
 
 Array = NDArray[np.float64]
 
+EDGES = ("left", "right", "top", "bottom")
 LEAST_STIFFENING_STRAIN = 1e-6
 """Cloth whose moduli have doubled at less than this is of no textile, and its stiffness of no float."""
+
+
+def _check_numbers(what: str, *numbers: float) -> None:
+    if not all(math.isfinite(n) for n in numbers):
+        raise InputError(f"{what} needs finite numbers", code="mechanics")
 
 
 def _check_width(width_m: float, what: str) -> None:
@@ -45,6 +51,9 @@ class UniformCurvature:
     weft: float = 0.0
     warp: float = 0.0
 
+    def __post_init__(self) -> None:
+        _check_numbers("a uniform curvature", self.weft, self.warp)
+
     def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
         """See :class:`CurvatureField`."""
         return np.full(u.shape, self.weft), np.full(u.shape, self.warp)
@@ -59,10 +68,13 @@ class EdgeCurl:
 
     curvature: float
     width_m: float = 0.035
-    edges: tuple[str, ...] = ("left", "right", "top", "bottom")
+    edges: tuple[str, ...] = EDGES
 
     def __post_init__(self) -> None:
+        _check_numbers("an edge curl", self.curvature)
         _check_width(self.width_m, "an edge curl's strip")
+        if unknown := sorted(set(self.edges) - set(EDGES)):
+            raise InputError(f"no edge {unknown[0]!r} to curl: choose of {', '.join(EDGES)}", code="mechanics")
 
     def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
         """See :class:`CurvatureField`."""
@@ -90,7 +102,10 @@ class Crease:
     width_m: float = 0.02
 
     def __post_init__(self) -> None:
+        _check_numbers("a crease", self.angle_rad)
         _check_width(self.width_m, "a crease")
+        if self.along not in ("warp", "weft"):
+            raise InputError(f"a crease runs along warp or weft, not {self.along!r}", code="mechanics")
         if not 0.0 <= self.position <= 1.0:
             raise InputError(
                 f"a crease at {self.position:g} of the sample is not on it: give a share from 0 to 1", code="mechanics"
@@ -114,6 +129,8 @@ class FrozenCurvature:
     wavelength_m: float = 0.12
 
     def __post_init__(self) -> None:
+        _check_numbers("a frozen curvature", self.amplitude)
+        _check_width(self.wavelength_m, "a frozen curvature's waves")
         if self.seed < 0:
             raise InputError(f"the seed of a frozen curvature must be 0 or more, not {self.seed}", code="mechanics")
 
@@ -169,6 +186,7 @@ class Mechanics:
             self.off_grain_rad,
             self.hem_kg_m,
             self.adhesion_pa,
+            self.adhesion_range_m,
             self.friction,
         )
         if not all(math.isfinite(n) for n in numbers) or not any(self.gravity):
@@ -196,6 +214,11 @@ class Jitter:
     force_weights: float = 1.0
     pin_m: float = 0.001
     placement_m: float = 0.02
+
+    def __post_init__(self) -> None:
+        scales = (self.force_weights, self.pin_m, self.placement_m)
+        if not all(0.0 <= s < math.inf for s in scales):
+            raise InputError("the scales of a jitter are numbers of 0 or more", code="mechanics")
 
 
 NO_JITTER = Jitter(0.0, 0.0, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.errors import InputError
+
+LEAST_CELL_M, LARGEST_CELL_M = 1e-3, 0.1
 
 
 @dataclass(frozen=True)
@@ -31,14 +34,25 @@ class GridMesh:
 
     def __post_init__(self) -> None:
         h = self.resolution_m
-        if not 1e-3 <= h <= 0.1:
-            raise InputError(f"resolution {h} m must be from 0.001 to 0.1 m", code="resolution_out_of_range")
+        if not LEAST_CELL_M <= h <= LARGEST_CELL_M:
+            raise InputError(
+                f"resolution {h} m must be from {LEAST_CELL_M} to {LARGEST_CELL_M} m", code="resolution_out_of_range"
+            )
         for length in self.size_m:
-            cells = length / h
-            if abs(cells - round(cells)) > 1e-6 or round(cells) < 4:
+            if not 0.0 < length < math.inf:
                 raise InputError(
-                    f"resolution {h} m does not divide the sample's {length} m into at least 4 whole cells: "
-                    f"try {length / max(4, round(cells)):.9g}",
+                    f"the sample size {self.size_m} m needs a positive width and height", code="sample_size"
+                )
+        for length in self.size_m:
+            if not _divides(h, length):
+                nearest = _nearest_cell_m(h, self.size_m)
+                advice = (
+                    f"try {nearest:.9g}"
+                    if nearest is not None
+                    else "no cell of 1 to 100 mm divides both of its sides: give them to a millimetre or two"
+                )
+                raise InputError(
+                    f"resolution {h} m does not divide the sample's {length} m into at least 4 whole cells: {advice}",
                     code="resolution_does_not_divide",
                 )
 
@@ -74,6 +88,20 @@ class GridMesh:
     def uv(self) -> NDArray[np.float64]:
         """Texture coordinates in [0, 1], shape [vertex_count, 2]."""
         return np.asarray(self.material_coordinates / np.asarray(self.size_m), dtype=np.float64)
+
+
+def _divides(cell_m: float, length_m: float) -> bool:
+    """Into whole cells, four at least."""
+    cells = length_m / cell_m
+    return abs(cells - round(cells)) <= 1e-6 and round(cells) >= 4
+
+
+def _nearest_cell_m(cell_m: float, size_m: tuple[float, float]) -> float | None:
+    """The cell nearest in proportion that divides both sides; None where none does."""
+    short = min(size_m)
+    cells = (short / n for n in range(max(4, math.ceil(short / LARGEST_CELL_M)), math.floor(short / LEAST_CELL_M) + 1))
+    fit = [c for c in cells if all(_divides(c, length) for length in size_m)]
+    return min(fit, key=lambda c: abs(math.log(c / cell_m)), default=None)
 
 
 def grid_triangles(rows: int, columns: int) -> NDArray[np.int32]:

@@ -138,7 +138,7 @@ def read_json_object(path: str | Path, what: str) -> dict[str, Any]:
         InputError: no such file, unreadable, not JSON or not an object.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; give the JSON file of the {what}", code="file_missing") from None
     except (OSError, UnicodeDecodeError) as error:

@@ -14,7 +14,7 @@ import pytest
 from metric.library import load_library
 from simcore.drape import Drape
 from simcore.errors import DrapemeterError, InputError
-from simcore.mechanics import Crease, EdgeCurl, FrozenCurvature, Mechanics
+from simcore.mechanics import Crease, EdgeCurl, FrozenCurvature, Jitter, Mechanics, UniformCurvature
 from simcore.mesh import GridMesh
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.sampling_tables import read_fabric_list
@@ -80,6 +80,24 @@ def test_a_resolution_that_does_not_divide_the_sample(resolution: float) -> None
     GridMesh(suggested)  # what it says to try works
 
 
+@pytest.mark.parametrize(
+    ("size_m", "nearest"), [((0.3, 0.4), 0.1 / 3), ((0.42, 0.594), 0.006), ((0.29, 0.31), 0.01), ((0.5, 0.7071), None)]
+)
+def test_a_resolution_that_divides_both_sides_is_advised(size_m: tuple[float, float], nearest: float | None) -> None:
+    error = refused(lambda: GridMesh(0.03, size_m), "divide")
+    if nearest is None:
+        assert "no cell" in str(error)
+        return
+    suggested = float(str(error).rsplit(" ", 1)[-1])
+    assert suggested == pytest.approx(nearest)
+    GridMesh(suggested, size_m)
+
+
+@pytest.mark.parametrize("length", [0.0, -0.5, math.nan, math.inf])
+def test_a_sample_without_a_size(length: float) -> None:
+    assert refused(lambda: GridMesh(0.01, (length, 0.5)), "sample size").code == "sample_size"
+
+
 @pytest.mark.parametrize("resolution", [0.0, -0.01, math.nan, math.inf, 1e-5, 0.4])
 def test_resolutions_that_are_absurd(resolution: float) -> None:
     assert refused(lambda: GridMesh(resolution), "resolution").code == "resolution_out_of_range"
@@ -122,10 +140,29 @@ def test_mechanics_without_meaning() -> None:
         {"hem_kg_m": -0.1},
         {"adhesion_pa": -1.0},
         {"adhesion_range_m": 0.0},
+        {"adhesion_range_m": math.inf},
         {"friction": -0.1},
         {"friction": math.nan},
     ):
         assert refused(lambda change=change: Mechanics(**change)).code == "mechanics"
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: UniformCurvature(math.nan),
+        lambda: EdgeCurl(math.inf),
+        lambda: EdgeCurl(10.0, edges=("lft",)),
+        lambda: Crease(math.nan),
+        lambda: Crease(0.5, along="wrap"),
+        lambda: FrozenCurvature(math.nan),
+        lambda: FrozenCurvature(1.0, wavelength_m=0.0),
+        lambda: Jitter(pin_m=-0.001),
+        lambda: Jitter(force_weights=math.nan),
+    ],
+)
+def test_fields_and_jitter_without_meaning(make: Callable[[], object]) -> None:
+    assert refused(make).code == "mechanics"
 
 
 def test_a_mesh_of_another_sample(solver: Solver) -> None:
