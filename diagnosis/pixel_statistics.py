@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from diagnosis.reference import Reference
 
@@ -21,7 +22,7 @@ def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArra
     Returns:
         float64 [7]: log of the noise [m] in the difference between pixels two apart; correlation of neighbouring
         pixels' noise; log of the distance between depth values that occur [m], at least
-        :data:`LEAST_STEP_M`; share of pixels without data; share of
+        :data:`LEAST_STEP_M`; share of pixels without data among those inside what is shown; share of
         edge pixels between the two sides; mean absolute difference at edges, as a share of the step; mean change of
         that mixture from one pixel to the next along the edge (a blur mixes evenly, stray pixels do not). NaN where
         too little is seen.
@@ -33,12 +34,21 @@ def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArra
     out = np.full(len(PIXEL_NAMES), np.nan)
     out[0], out[1] = _noise(difference)
     out[2] = _step(depth[known & smooth])
-    expected = reference.depth > 0
+    expected = (reference.depth > 0) & ~_outside(known, reference)
     if expected.any():
         out[3] = np.count_nonzero(expected & ~known) / np.count_nonzero(expected)
     noise = float(np.exp(out[0])) if np.isfinite(out[0]) else 0.0
     out[4:] = _edges(depth, max(EDGE_M, EDGE_NOISES * noise))
     return out
+
+
+def _outside(known: NDArray[np.bool_], reference: Reference) -> NDArray[np.bool_]:
+    """Pixels round everything that the picture shows: beyond the panel's border or, without a panel, the cloth's.
+
+    They are no holes. Single pixels without data at a full picture's rim are.
+    """
+    outside = ~ndimage.binary_fill_holes(known)
+    return ndimage.binary_opening(outside, iterations=2) if reference.panel.any() else np.asarray(outside)
 
 
 def _noise(difference: NDArray[np.float64]) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from capture.capture_set import Capture, CaptureSet
 from capture.documents import FabricDocument, SensorDocument, SetupDocument
@@ -16,6 +17,7 @@ from capture.prepare import PreparedCapture, prepare_all
 from diagnosis.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
 from diagnosis.meshing import cell_size, on_cells
 from diagnosis.scene import SimulationScene, pose_rows
+from renderer.depth import panel_depth
 from renderer.sensor import SensorModel
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
@@ -32,6 +34,8 @@ LEAST_ESTIMATED_SIGMA = 0.15
 STATED_SIGMA = 0.07
 """Relative uncertainty of parameters that a set states without saying how well they are known."""
 TYPICAL_DENSITY_KG_M2 = 0.2
+BEHIND_M, BEHIND_SHARE = 0.1, 0.05
+"""What lies further behind the panel, in metres and as a share of its depth, is no panel, whatever the camera does."""
 
 
 def prepare_tasks(
@@ -62,7 +66,11 @@ def prepare_tasks(
                 pose=pose_rows(ready.registration.camera_from_panel),
                 sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m),
             )
-            depth = ready.depth if capture.setup.panel else np.where(ready.region.mask, ready.depth, np.float32(0.0))
+            depth = (
+                without_background(ready.depth, scene)
+                if capture.setup.panel
+                else np.where(ready.region.mask, ready.depth, np.float32(0.0))
+            )
             posed = capture.camera_from_panel is not None
             items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), posed))
         assumed += _recut(fabric_id, own, items)
@@ -72,6 +80,13 @@ def prepare_tasks(
     if not all(sensor_known(c) for c in captures.captures):
         assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
     return tasks, assumed
+
+
+def without_background(depth: NDArray[np.float32], scene: SimulationScene) -> NDArray[np.float32]:
+    """A picture [m] without what lies far behind the panel, beside its border: the simulated panel has none."""
+    panel = panel_depth(scene.camera, scene.camera_from_panel)
+    far = depth > panel + np.maximum(BEHIND_M, BEHIND_SHARE * panel)
+    return np.where(far, np.float32(0.0), depth)
 
 
 def not_stated(captures: CaptureSet) -> Iterator[str]:

@@ -6,7 +6,7 @@ Cached drapes go by the solver's own version (``simcore.version``).
 MODEL_VERSION = "drapemeter-diagnosis/28"
 RESPONSES_VERSION = 3
 """Raised when what is measured on a simulated picture changes."""
-PIXELS_VERSION = 6
+PIXELS_VERSION = 7
 """The same of pixel statistics."""
 LED_VERSION = 3
 """Raised when captures lead the solver otherwise than before."""

@@ -7,9 +7,11 @@ import pytest
 
 from diagnosis.features import measure
 from diagnosis.pixel_statistics import PIXEL_NAMES
+from diagnosis.preparation import without_background
 from diagnosis.reference import CELLS, Reference, make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.synthesis import SET_CAMERA
+from renderer.depth import render_depth
 from renderer.sensor import SensorModel
 from simcore.drape import Drape, DrapeStatus
 from simcore.mesh import GridMesh
@@ -87,3 +89,40 @@ def test_steps_finer_than_half_a_millimetre_count_as_continuous(reference: Refer
         )
         steps.append(float(np.exp(measure(noisy, reference).pixels[PIXEL_NAMES.index("log_step")])))
     np.testing.assert_allclose(steps, [0.0005, 0.0005, 0.001, 0.003], rtol=0.01)
+
+
+PANEL_EXTENT_M = (-0.4, 0.4, -0.6, 0.1)
+
+
+@pytest.mark.parametrize("dropout", [0.0, 0.05])
+@pytest.mark.parametrize("behind_m", [0.0, 1.6])
+def test_what_lies_beyond_the_panels_border_changes_nothing(
+    reference: Reference, behind_m: float, dropout: float
+) -> None:
+    """A panel that does not fill the picture, before nothing or before a wall."""
+    drape = wavy()
+    small = render_depth(
+        drape.vertices, drape.mesh.triangles, SCENE.camera, SCENE.camera_from_panel, panel_extent_m=PANEL_EXTENT_M
+    )
+    assert 0.1 < np.mean(small == 0.0) < 0.7
+    sensor = SensorModel(range_noise_m=0.001, dropout=dropout)
+    room = np.where(small > 0, small, np.float32(behind_m))
+    seen, whole = (sensor.apply(z, np.random.default_rng(2), camera=SCENE.camera) for z in (room, reference.depth))
+    found = measure(without_background(seen, SCENE), reference)
+    full = measure(whole, reference)
+    np.testing.assert_allclose(found.plane, full.plane, atol=1e-4)
+    by_name = dict(zip(PIXEL_NAMES, found.pixels - full.pixels, strict=True))
+    assert abs(by_name["log_noise"]) < 0.02
+    assert abs(by_name["dropout"]) < 0.003
+    np.testing.assert_allclose(found.shape, full.shape, atol=1e-3, equal_nan=True)
+
+
+def test_without_a_panel_cloth_that_lies_elsewhere_leaves_no_holes() -> None:
+    bare = SCENE.with_setup(Setup.nominal("stretch", panel=False))
+    drape = wavy()
+    reference = make_reference(drape, bare)
+    shifted = np.roll(reference.depth, 6, axis=1)
+    number = PIXEL_NAMES.index("dropout")
+    assert measure(shifted, reference).pixels[number] == 0.0
+    holes = SensorModel(dropout=0.05).apply(shifted, np.random.default_rng(1), camera=bare.camera)
+    assert measure(holes, reference).pixels[number] == pytest.approx(0.05, abs=0.01)
