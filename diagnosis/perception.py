@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from diagnosis.fresh import FreshLook, Sized, with_effects
 from diagnosis.report import Perceived
+from diagnosis.seen_depth import seen_alike
 from diagnosis.shares import fraction_of_means, share_with_floors
 from diagnosis.shrinkage import Held
 from metric.backends import get_backend
@@ -59,7 +60,7 @@ def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name
                 ideal = look.picture(capture, effects, refitted(look, deviation))
                 seen = with_effects(scene, effects)
                 pictures.append(seen.sensor.apply(ideal, np.random.default_rng(number), camera=seen.camera))
-            pictures += [tasks[other.id].depth for other in own[:number]]
+            pictures += [tasks[other.id].depth for other in own[:number] if seen_alike(look, capture, other)]
             # a frame of background: where cloth fills the window nothing else would say that black is black
             framed = [np.pad(shade(p, scene.camera)[window], FRAME_PX) for p in pictures]
             renders = [DrapeRender(shaded=picture, depth=None) for picture in framed]

@@ -36,7 +36,8 @@ def seen_depth(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> SeenDept
             shown = capture.reference.cell >= 0
             before.append(_square(depths[capture.id], look.picture(capture, ()), shown))
             after.append(_square(depths[capture.id], _seen(look, capture, one.effects), shown))
-            floor += [0.5 * _square(depths[capture.id], depths[other.id], shown) for other in own[:number]]
+            alike = [other for other in own[:number] if seen_alike(look, capture, other)]
+            floor += [0.5 * _square(depths[capture.id], depths[other.id], shown) for other in alike]
         rows.append((_mean(before[first:]), _mean(after[first:]), _mean(floor[repeats:]) if floor[repeats:] else None))
     unit = 1e3
     fraction, interval = share_with_floors(rows, fraction_of)
@@ -48,6 +49,11 @@ def seen_depth(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> SeenDept
         interval_90=interval,
         captures=len(before),
     )
+
+
+def seen_alike(look: FreshLook, capture: CaptureResult, other: CaptureResult) -> bool:
+    """Two repeats were put up and seen alike, so that their pixels can be compared."""
+    return look.scene_of(capture) == look.scene_of(other)
 
 
 def _mean(values: Sequence[float]) -> float:

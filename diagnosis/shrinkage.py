@@ -95,7 +95,8 @@ def response_of(block: Block, cause: Cause) -> Array:
 def _whitened(block: Block, effects: Sequence[Sized]) -> Array:
     total = np.zeros(len(block.stated.measured))
     for name, size in effects:
-        total = total + response_to(block.stated.responses, name, size)
+        if not get_effect(name).random_repeats:
+            total = total + response_to(block.stated.responses, name, size)
     return total
 
 

@@ -41,11 +41,15 @@ class Lead:
     floor: float
 
     def on_block(self, block: Block) -> Array:
-        """Whitened response of a block, [n]."""
+        """Whitened response of a block, [n]; none of an effect that only scatters repeats."""
+        if get_effect(self.effect).random_repeats:
+            return np.zeros(len(block.owner))
         return response_to(block.stated.responses, *as_seen(block, self.effect, self.size))
 
     def on_numbers(self, pixels: PixelBlock) -> Array:
-        """Response of the shared numbers, [m]."""
+        """Response of the shared numbers, [m]; none of an effect that only scatters repeats."""
+        if get_effect(self.effect).random_repeats:
+            return np.zeros(len(pixels.measured))
         return response_to(pixels.responses, self.effect, self.size)
 
 

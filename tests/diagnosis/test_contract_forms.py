@@ -160,3 +160,42 @@ def test_an_uncertainty_in_percent_is_cut_and_said(altered: Callable[[Change], C
     tasks, assumed = tasks_of(altered(lambda value: value["fabrics"][0].update(parameters_cv=7, density_cv=2)))
     assert tasks[0].relative_sigma == (0.8,) * 7
     assert "fabric f1: parameters_cv 7 is taken as 0.8" in assumed and "density_cv 2 is taken as 0.8" in assumed
+
+
+@pytest.mark.parametrize("behind_m", [0.0, 1.6])
+def test_a_panel_that_does_not_fill_the_picture_is_no_effect(
+    behind_m: float, altered: Callable[[Change], CaptureSet], shelf: DrapeCache
+) -> None:
+    captures = altered(lambda value: None)
+    for capture in captures.captures:
+        depth = read_depth(capture.depth_path, capture.camera).copy()
+        depth[:, :60] = depth[:, -70:] = np.float32(behind_m)
+        depth[-30:] = np.float32(behind_m)
+        write_depth_png(capture.depth_path, depth)
+    options = DiagnosisOptions(effects=(*CANDIDATES, "dropout"), resolution_m=0.02)
+    report = diagnose(CaptureSet.load(captures.folder), options, cache=shelf).report
+    assert report.cause.top == "none" and not report.gap.detected
+    assert report.gap.value < 5.0
+
+
+def test_repeats_may_be_seen_by_two_cameras(make_set: MakeSet, shelf: DrapeCache, tmp_path: Path) -> None:
+    """Pixels of pictures of other sizes are not compared; what there is to find is found."""
+    folder, made = tmp_path / "set", make_set("depth_scale=0.02")
+    shutil.copytree(made.folder, folder)
+    value = json.loads((folder / "captures.json").read_text())
+    camera = value["camera"]
+    half = {key: camera[key] / 2 for key in ("fx", "fy", "cx", "cy")}
+    for capture in (c for c in value["captures"] if c["repeat"] == 1):
+        depth = read_depth(folder / capture["depth"], made.captures[0].camera)
+        write_depth_png(folder / capture["depth"], depth[::2, ::2])
+        capture["camera"] = {**camera, **half, "width": camera["width"] // 2, "height": camera["height"] // 2}
+    (folder / "captures.json").write_text(json.dumps(value))
+    report = diagnose(CaptureSet.load(folder), DiagnosisOptions(CANDIDATES, resolution_m=0.02), cache=shelf).report
+    assert report.cause.top == "depth_scale"
+    assert report.shrinkage is not None
+
+
+def test_an_effect_that_only_scatters_repeats_may_be_tried_alone(plain: CaptureSet, shelf: DrapeCache) -> None:
+    options = DiagnosisOptions(effects=("bending_hysteresis",), resolution_m=0.02)
+    report = diagnose(plain, options, cache=shelf).report
+    assert set(report.cause.probabilities) == {"none", "unknown", "bending_hysteresis"}

@@ -27,6 +27,14 @@ def test_a_sample_cut_by_hand_gets_whole_cells_near_the_wanted_one(size: tuple[f
     assert whole.sample_size_m == pytest.approx(size, abs=0.0026)  # half of what the edges of the first differ by
 
 
+@pytest.mark.parametrize("size", [(0.35, 0.35), (0.45, 0.3), (0.25, 0.25), (0.3, 0.4), (0.55, 0.55)])
+def test_fine_cells_are_even_in_number_so_that_a_mesh_of_half_as_many_fits(size: tuple[float, float]) -> None:
+    cell = cell_size(size, 0.01)
+    counts = [edge / cell for edge in size]
+    assert counts == pytest.approx([2 * round(count / 2) for count in counts])
+    assert 0.009 < cell < 0.0111
+
+
 def test_where_cells_fit_as_well_as_a_sample_is_cut_the_size_changes_by_less() -> None:
     assert on_cells(
         Setup.nominal("hanging", sample_size_m=(0.42, 0.297)), cell_size((0.42, 0.297), 0.01)
