@@ -112,7 +112,9 @@ class Table:
         evidence = float(logsumexp(posterior))
         top = int(np.argmax(posterior))
         size = self.sizes[top]
-        inside = np.where(self.prior > self.prior.max() - FADED, posterior, -np.inf)
+        # a vector's factors say how sharp its fits are, not how usual its sizes
+        usable = np.ones(len(posterior), dtype=bool) if self.sigma else self.prior > self.prior.max() - FADED
+        inside = np.where(usable, posterior, -np.inf)
         usual, usual_evidence = self.sizes[int(np.argmax(inside))], float(logsumexp(inside))
         if self.sigma:
             shared = self.share * float(np.linalg.norm([size[n] for n in self.sigma]))

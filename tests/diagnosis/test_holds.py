@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.block import Block, PixelBlock, View
+from diagnosis.block import Block, PixelBlock, View, whiten
 from diagnosis.cause import Cause, name_cause
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.holds import HOLDS, held, holds_of, log_weights, tried_with_two
 from diagnosis.sizes import node_weights, nodes
+from tests.diagnosis import where_blocks
 
 COUNT, FABRICS = 60, 4
 UNIT_M = 0.001
@@ -94,3 +95,39 @@ def test_an_effect_is_found_beside_magnets_that_hold_otherwise() -> None:
     cause = named(fabrics([0.3] * FABRICS, STIFF))
     assert cause.named == ("stretch_stiffening",)
     assert cause.size("stretch_stiffening")[SCALAR] == pytest.approx(STIFF[SCALAR], rel=0.1)
+
+
+def test_the_usual_size_of_a_camera_is_the_one_that_fits() -> None:
+    """How sharp a fit is under other magnets says nothing of how usual the size is."""
+    ring = ~where_blocks.CLOTH
+    forms = np.stack(
+        [
+            np.where(ring, 0.004 * (where_blocks.U - 0.5), 0.001 * (where_blocks.V - 0.5)),
+            np.where(ring, 0.004 * (where_blocks.V - 0.5), 0.001 * where_blocks.U),
+            0.002 * np.sin(3 * where_blocks.U) * where_blocks.CLOTH,
+        ]
+    )
+    rows = np.tile(np.concatenate([forms, -forms]), (1, where_blocks.REPEATS))
+    corner = where_blocks.CLOTH * np.exp(-8 * ((where_blocks.U - 1) ** 2 + where_blocks.V**2))
+    grip = np.tile(0.016 * corner, where_blocks.REPEATS)
+    rng = np.random.default_rng(2)
+    blocks = [
+        replace(
+            block,
+            stated=replace(
+                block.stated, responses=dict(block.stated.responses) | {name: whiten(block.stated, rows.T).T}
+            ),
+            wide=replace(block.wide, responses=dict(block.wide.responses) | {name: whiten(block.wide, rows.T).T}),
+            grip=grip,
+        )
+        for name in ("camera_translation",)
+        for block in where_blocks.make_blocks(rng, forms[0] + 0.5 * forms[1], scenes=("stretch",))
+    ]
+    pixels = where_blocks.make_pixels(rng)
+    still = {"camera_translation": np.zeros((6, len(where_blocks.NAMES)))}
+    pixels = replace(pixels, responses=dict(pixels.responses) | still)
+    cause = name_cause((*where_blocks.EFFECTS, "camera_translation"), blocks, pixels, pairs=False)
+    found = cause.evidence["camera_translation"]
+    assert cause.top == "camera_translation"
+    assert found.usual == found.size
+    assert found.usual_evidence == pytest.approx(found.log_evidence)
