@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import inspect
 import io
 import json
 import os
@@ -11,6 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 
 from renderer.atomic import write_atomically
 from simcore.drape import Drape, DrapeStatus
+from simcore.errors import InputError
 from simcore.mechanics import Jitter, Mechanics
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -54,6 +57,8 @@ def drape_key(
     )
 
 
+OWN_PACKAGES = ("simcore", "renderer", "capture", "diagnosis")
+"""Whose classes are told by their fields; they change with a version."""
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
 """What a damaged file of the cache raises when it is read."""
 
@@ -157,5 +162,29 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-    return str(value)
+        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        return fields if _is_own(type(value)) else [_source(type(value)), fields]
+    text = str(value)
+    if " object at 0x" in text:
+        raise InputError(
+            f"{type(value).__qualname__}: what changes a scene must be a dataclass, so that simulations with it can be "
+            "told from others",
+            code="effect_file",
+        )
+    return text
+
+
+def _is_own(kind: type) -> bool:
+    """Not of a file that a user may have added to the catalogue."""
+    module = kind.__module__
+    return module.split(".")[0] in OWN_PACKAGES and not module.startswith("diagnosis.effects.")
+
+
+@cache
+def _source(kind: type) -> str:
+    """What a class that is not the program's own is and does: two may have the same fields, and change."""
+    try:
+        text = inspect.getsource(kind)
+    except (OSError, TypeError):  # written nowhere: by its name
+        text = ""
+    return f"{kind.__module__}.{kind.__qualname__} {hashlib.sha256(text.encode()).hexdigest()}"

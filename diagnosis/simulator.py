@@ -142,10 +142,10 @@ class Simulator:
         return KeyedDrape(drape, content_key(vertices=vertices) if origin is None else content_key(coarser=origin))
 
     def kept(self, key: str, make: Callable[[], dict[str, NDArray[np.float64]]]) -> dict[str, NDArray[np.float64]]:
-        """Arrays of the cache, or made now and kept."""
+        """Arrays of the cache, or made now and kept; the same numbers either way."""
         arrays = self.cache.get_arrays(key)
         if arrays is None:
-            arrays = make()
+            arrays = {name: value.astype(np.float32).astype(np.float64) for name, value in make().items()}
             self.cache.put_arrays(key, arrays)
         return arrays
 
@@ -159,5 +159,6 @@ class Simulator:
     def _keep(self, key: str, drape: Drape, began: float) -> KeyedDrape:
         self.cost.simulations += 1
         self.cost.seconds += time.process_time() - began
-        self.cache.put(key, drape)
+        if not drape.reason.startswith("time limit"):  # the next machine may be faster
+            self.cache.put(key, drape)
         return KeyedDrape(drape, key)

@@ -1,0 +1,60 @@
+"""What simulations are kept under: everything that changes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from diagnosis.drape_cache import content_key, drape_key
+from simcore.errors import InputError
+from simcore.mechanics import CurvatureField, Mechanics, UniformCurvature
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+
+Array = NDArray[np.float64]
+FABRIC = FabricParameters(800.0, 600.0, 150.0, 4e-5, 3e-5, 5e-5, 0.2)
+
+
+@dataclass(frozen=True)
+class Ripple:
+    amplitude: float
+
+    def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
+        return self.amplitude * np.sin(20 * u), np.zeros(v.shape)
+
+
+@dataclass(frozen=True)
+class Dent:
+    amplitude: float
+
+    def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
+        return np.zeros(u.shape), self.amplitude * np.exp(-100 * v**2)
+
+
+class Plain:
+    """No dataclass: nothing tells two of them apart."""
+
+    def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
+        return np.ones(u.shape), np.zeros(v.shape)
+
+
+def key(field: CurvatureField) -> str:
+    mesh = GridMesh(0.02)
+    return drape_key(mesh, FABRIC, Setup.nominal("stretch"), Mechanics(rest_curvature=(field,)))
+
+
+def test_a_users_own_fields_are_told_apart_by_what_they_are() -> None:
+    keys = [key(field) for field in (Ripple(5.0), Ripple(6.0), Dent(5.0), UniformCurvature(5.0))]
+    assert len(set(keys)) == 4
+    assert key(Ripple(5.0)) == keys[0]
+
+
+def test_what_nothing_tells_apart_is_refused() -> None:
+    with pytest.raises(InputError, match="dataclass") as caught:
+        key(Plain())
+    assert caught.value.code == "effect_file"
+    assert content_key(path=GridMesh(0.02)) == content_key(path=GridMesh(0.02))
