@@ -220,13 +220,14 @@ class _Conclusion:
         cause, measured = judged(cause, measure)
         if cause.named and measured is None:
             assumed = (*assumed, "one capture alone: none is held out, so how far the gap shrinks was not measured")
+        shrinkage = None if measured is None else complete(measured, looks, lpips=lpips)
         cost = _cost(results, looks)
         cost.add(spent or Cost())
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),
             where=where_gaps(blocks, pixels, cause, self.model),
             cause=_cause_report(cause, blocks, pixels, self.model),
-            shrinkage=None if measured is None else complete(measured, looks, lpips=lpips),
+            shrinkage=shrinkage,
             parameters_refitted=True,
             cost=CostReport(
                 simulations=cost.simulations,
@@ -303,7 +304,7 @@ def _cause_report(cause: Cause, blocks: Sequence[Block], pixels: PixelBlock, mod
     near: set[str] = set()
     for name in cause.named:
         near |= group_of(name)
-        near |= {n for n, e in cause.evidence.items() if e.log_evidence > cause.evidence[name].log_evidence - CLOSE}
+        near |= as_likely(cause, name)
         if not get_effect(name).random_repeats:
             near |= set(not_separable(name, cause.size(name), blocks, pixels, model))
     near -= {*cause.named, *NOT_EFFECTS}
@@ -313,6 +314,17 @@ def _cause_report(cause: Cause, blocks: Sequence[Block], pixels: PixelBlock, mod
         effects=tuple(_found(cause, name) for name in cause.named),
         not_separable_from=tuple(sorted(near & set(cause.probabilities))),
     )
+
+
+def as_likely(cause: Cause, name: str) -> set[str]:
+    """What might stand in place of a named effect; of two named, beside the other one."""
+    if len(cause.named) < 2 or cause.pair is None:
+        least = cause.evidence[name].log_evidence - CLOSE
+        return {other for other, evidence in cause.evidence.items() if evidence.log_evidence > least}
+    beside = next(other for other in cause.named if other != name)
+    least = cause.pair.evidence.log_evidence - CLOSE
+    near = [pair for pair in cause.tried if pair.evidence.log_evidence > least]
+    return {other for pair in near for other in (pair.first, pair.second) if beside in (pair.first, pair.second)}
 
 
 def _found(cause: Cause, name: str) -> FoundEffect:

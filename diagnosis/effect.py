@@ -131,6 +131,11 @@ class Effect:
                 f"{', '.join(NOT_EFFECTS)}",
                 code="effect_file",
             )
+        if self.vector and any(self.places):
+            raise InputError(
+                f"effect {self.name}: a vector has no places: give it none, or one number in place of the vector",
+                code="effect_file",
+            )
 
     @property
     def moves_cloth(self) -> bool:

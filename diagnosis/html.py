@@ -63,19 +63,25 @@ def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
 def sentence(diagnosis: Diagnosis) -> str:
     """The finding in plain words."""
     report = diagnosis.report
-    top, p = report.cause.top, report.cause.probabilities[report.cause.top]
+    cause, detected = report.cause, report.gap.detected
+    names = [effect.name for effect in cause.effects] or [cause.top]
+    top, p = " with ".join(names), sum(cause.probabilities[name] for name in names)
     gap = f"{report.gap.value:.2f} mm against a noise floor of {report.gap.noise_floor:.2f} mm"
     if p < 0.5:
         return f"These captures do not tell what is missing ({gap}): {top} is likeliest, with probability {p:.2f} only."
+    if top == "none" and detected:
+        return f"They differ ({gap}), but nothing that was tried comes nearer (no effect: probability {p:.2f})."
     if top == "none":
         return f"Simulation and captures agree as far as these captures can tell ({gap}; probability {p:.2f})."
+    differ = f"They differ ({gap})" if detected else f"That they differ at all is not certain ({gap})"
     if top == "unknown":
-        return f"They differ ({gap}), and no effect of the catalogue explains it (probability {p:.2f})."
-    effect = get_effect(top)
-    text = f"They differ ({gap}). Most probable cause: {top} (probability {p:.2f}). {effect.summary}"
+        return f"{differ}, and no effect of the catalogue explains it (probability {p:.2f})."
+    summary = " ".join(get_effect(name).summary for name in names)
+    text = f"{differ}. Most probable cause: {top} (probability {p:.2f}). {summary}"
     if report.shrinkage is not None:
         share = 100 * report.shrinkage.fraction
-        text += f" With it, {share:.0f} % of the gap above the floor goes away on held-out captures."
+        beside = "both" if len(names) == 2 else "it"
+        text += f" With {beside}, {share:.0f} % of the gap above the floor goes away on held-out captures."
     return text
 
 

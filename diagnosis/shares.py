@@ -34,7 +34,7 @@ def interval_of(rows: Array, fraction: Callable[[Array], float] = fraction_of) -
     """
     value, count = fraction(rows), len(rows)
     if count < 2:
-        return -1.0, 1.0
+        return min(-1.0, value), max(1.0, value)
     rng = np.random.default_rng(0)
     draws = [fraction(rows[rng.integers(0, count, count)]) for _ in range(DRAWS)]
     factor = student.ppf(0.95, count - 1) / norm.ppf(0.95) * np.sqrt(count / (count - 1))
@@ -56,4 +56,6 @@ def share_with_floors(
 
 def _share(before: float, after: float, floor: float) -> float:
     above = before - min(floor, after)
-    return float((before - after) / above) if above > 0.0 else -float(after > before)
+    if above > 0.0:
+        return float((before - after) / above)
+    return -1.0 if after > before else 0.0

@@ -13,7 +13,7 @@ from diagnosis.advice import KIND_CHECKS, REGION_CHECKS, STAGE_CHECKS, advice, s
 from diagnosis.cause import Cause, name_cause
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import catalogue
-from diagnosis.html import render_html
+from diagnosis.html import render_html, sentence
 from diagnosis.isolability import REMEDIES
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap
@@ -156,3 +156,22 @@ def test_the_page_shows_regions_kinds_and_stages_in_tables_and_pictures(made: Di
     assert 'class="sure"' in sides and "<td>fabric</td>" in sides and "<td>edge_curl</td>" in sides
     assert page.count('alt="where, ') == page.count("data:image/png;base64,") == 2
     assert "What to do next" in page
+
+
+def told(top: str, p: float, *beside: str, detected: bool = True) -> str:
+    """The sentence of a report."""
+    made = report(top, p)
+    effects = tuple(made.cause.effects[0].model_copy(update={"name": name}) for name in (top, *beside) if beside)
+    cause = made.cause.model_copy(update={"effects": effects or made.cause.effects})
+    gap = made.gap.model_copy(update={"detected": detected})
+    return sentence(SimpleNamespace(report=made.model_copy(update={"cause": cause, "gap": gap})))  # type: ignore[arg-type]
+
+
+def test_the_sentence_says_what_the_numbers_say() -> None:
+    assert told("hem_weight", 0.9).startswith("They differ (1.00 mm")
+    assert told("hem_weight", 0.9, detected=False).startswith("That they differ at all is not certain")
+    assert "do not tell what is missing" in told("hem_weight", 0.45)
+    both = told("hem_weight", 0.49, "pin_spacing")
+    assert "hem_weight with pin_spacing (probability 1.00)" in both and "They differ" in both
+    assert "agree" in told("none", 0.9, detected=False)
+    assert "They differ" in told("none", 0.9) and "agree" not in told("none", 0.9)

@@ -24,9 +24,15 @@ def test_the_share_is_that_of_the_gap_above_the_floor(before: float, after: floa
     assert fraction_of_means(np.concatenate([values, values])) == pytest.approx(share)
 
 
+def test_nothing_that_goes_away_is_no_minus() -> None:
+    assert np.copysign(1.0, fraction_of_means(np.array([[1.0, 1.0, 2.0]]))) == 1.0
+
+
 def test_one_block_says_nothing_of_others_and_alike_ones_are_sure() -> None:
     row = np.array([[16.0, 1.0, 0.25]])
     assert interval_of(row) == (-1.0, 1.0)
+    worse = np.array([[1.0, 16.0, 0.25]])
+    assert interval_of(worse)[0] == fraction_of(worse) < -1.0
     assert interval_of(np.repeat(row, 4, axis=0)) == pytest.approx((fraction_of(row), fraction_of(row)))
 
 

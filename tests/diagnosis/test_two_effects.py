@@ -14,6 +14,7 @@ from diagnosis import fresh, refinement, together
 from diagnosis import pairs as pairs_module
 from diagnosis.block import Block, PixelBlock, View
 from diagnosis.cause import Cause, name_cause
+from diagnosis.diagnose import as_likely
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.evidence import tabulate, tabulate_nothing
@@ -396,3 +397,18 @@ def test_where_something_unknown_is_likeliest_the_likeliest_effects_are_looked_a
     likely = replace(cause, probabilities={"none": 0.1, "unknown": 0.8, "air_draft": 0.1 + 1e-9})
     assert refinement.leader(likely) == "air_draft"
     assert refinement.leader(replace(cause, probabilities={"none": 0.2, "unknown": 0.8, "air_draft": 0.0})) is None
+
+
+def test_what_two_named_effects_are_not_told_from_is_judged_beside_each_other() -> None:
+    """Single effects are all far behind; only what does as well beside the other one is as likely."""
+    names = ("air_draft", "crease", "hem_weight", "off_grain", "none", "unknown")
+    found = {name: evidence(name, -50.0, DRAFT) for name in names}
+    pairs = [
+        Pair("air_draft", other, SIZES, evidence(other, value, CREASE))
+        for other, value in (("crease", 0.0), ("hem_weight", -1.0), ("off_grain", -9.0))
+    ]
+    probabilities = dict.fromkeys(names, 0.0) | {"air_draft": 0.5, "crease": 0.5}
+    cause = Cause(probabilities, found, 50.0, pair=pairs[0], pair_probability=1.0, tried=tuple(pairs))
+    assert set(cause.named) == {"air_draft", "crease"}
+    assert as_likely(cause, "crease") == {"air_draft", "crease", "hem_weight"}
+    assert as_likely(cause, "air_draft") == {"air_draft", "crease"}
