@@ -10,6 +10,17 @@ from diagnosis.reference import Reference
 
 LEAST_STEP_M = 0.0005
 """Depth values nearer to each other than this count as continuous."""
+LEAST_NOISE_M = 0.0001
+"""Less noise counts as this much: simulations of one cloth differ by as much."""
+LEAST_PIXELS = 500
+BLOCK, LEAST_BLOCKS = 8, 30
+"""Edge of the blocks of pixels in which noise is looked for, and how many of them are needed."""
+CALM = 0.25
+"""Share of the blocks that are the calmest."""
+CALM_FAR, CALM_NEAR = 1.090, 1.709
+"""Mean squares of white noise of variance 1 in them, of differences of pixels two and one apart."""
+DITHERED = 0.4
+"""Noise of so much of a step hides the steps."""
 EDGE_M = 0.012
 EDGE_NOISES = 7.0
 """A depth edge is larger than this length and than so many standard deviations of the noise."""
@@ -20,7 +31,8 @@ def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArra
     """Measured on smooth places of cloth and panel, and at the reference's depth edges.
 
     Returns:
-        float64 [7]: log of the noise [m] in the difference between pixels two apart; correlation of neighbouring
+        float64 [7]: log of the noise [m] in the difference between pixels two apart, at least
+        :data:`LEAST_NOISE_M`; correlation of neighbouring
         pixels' noise; log of the distance between depth values that occur [m], at least
         :data:`LEAST_STEP_M`; share of pixels without data among those inside what is shown; share of
         edge pixels between the two sides; mean absolute difference at edges, as a share of the step; mean change of
@@ -32,8 +44,8 @@ def pixel_statistics(depth: NDArray[np.float32], reference: Reference) -> NDArra
     difference = np.where(known, depth.astype(np.float64) - reference.depth, np.nan)
     difference[~smooth] = np.nan
     out = np.full(len(PIXEL_NAMES), np.nan)
-    out[0], out[1] = _noise(difference)
     out[2] = _step(depth[known & smooth])
+    out[0], out[1] = _noise(difference, float(np.exp(out[2])))
     expected = (reference.depth > 0) & ~_outside(known, reference)
     if expected.any():
         out[3] = np.count_nonzero(expected & ~known) / np.count_nonzero(expected)
@@ -51,17 +63,52 @@ def _outside(known: NDArray[np.bool_], reference: Reference) -> NDArray[np.bool_
     return ndimage.binary_opening(outside, iterations=2) if reference.panel.any() else np.asarray(outside)
 
 
-def _noise(difference: NDArray[np.float64]) -> tuple[float, float]:
-    """Log standard deviation of the high-frequency part and the correlation of neighbours, robust."""
+def _noise(difference: NDArray[np.float64], step_m: float) -> tuple[float, float]:
+    """Log standard deviation of the high-frequency part and the correlation of neighbours.
+
+    Taken where the picture is calmest, in blocks of pixels: elsewhere what the cloth's own shape differs by looks like
+    noise. Where steps are coarser than the noise, calm blocks lie between two steps and tell nothing: there everything
+    counts.
+    """
     far = difference[:, 2:-2] - 0.5 * (difference[:, :-4] + difference[:, 4:])
     near = difference[:, 1:] - difference[:, :-1]
-    far, near = far[np.isfinite(far)], near[np.isfinite(near)]
-    if far.size < 500 or near.size < 500:
+    if np.count_nonzero(np.isfinite(far)) < LEAST_PIXELS or np.count_nonzero(np.isfinite(near)) < LEAST_PIXELS:
         return float("nan"), float("nan")
-    variance_far = float(np.mean(np.clip(far, *np.quantile(far, [0.002, 0.998])) ** 2)) / 1.5
-    variance_near = float(np.mean(np.clip(near, *np.quantile(near, [0.002, 0.998])) ** 2)) / 2.0
-    variance_far = max(variance_far, 1e-12)
+    variances = _in_calm_blocks(far, near[:, 1:-2])
+    coarse = step_m > 1.01 * LEAST_STEP_M
+    if variances is None or (coarse and variances[0] < (DITHERED * step_m) ** 2):
+        variances = _everywhere(far) / 1.5, _everywhere(near) / 2.0
+    variance_far, variance_near = variances
+    if variance_far <= LEAST_NOISE_M**2:
+        return float(np.log(LEAST_NOISE_M)), 0.0
     return 0.5 * float(np.log(variance_far)), 1.0 - variance_near / variance_far
+
+
+def _in_calm_blocks(far: NDArray[np.float64], near: NDArray[np.float64]) -> tuple[float, float] | None:
+    """Variances of the noise from differences of pixels two and one apart, [H, W]; None where too little is seen."""
+    by_block = [_block_means(square) for square in (far**2, near**2)]
+    usable = np.isfinite(by_block[0]) & np.isfinite(by_block[1])
+    if np.count_nonzero(usable) < LEAST_BLOCKS:
+        return None
+    seen_far, seen_near = (means[usable] for means in by_block)
+    calm = seen_far <= np.quantile(seen_far, CALM)
+    return float(seen_far[calm].mean()) / CALM_FAR, float(seen_near[calm].mean()) / CALM_NEAR
+
+
+def _block_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Means over square blocks; NaN in those with fewer than half of their pixels."""
+    rows, columns = (size // BLOCK * BLOCK for size in values.shape)
+    parts = values[:rows, :columns].reshape(rows // BLOCK, BLOCK, columns // BLOCK, BLOCK)
+    known = np.isfinite(parts)
+    count = known.sum(axis=(1, 3))
+    total = np.where(known, parts, 0.0).sum(axis=(1, 3))
+    return np.where(2 * count >= BLOCK * BLOCK, total / np.maximum(count, 1), np.nan)
+
+
+def _everywhere(values: NDArray[np.float64]) -> float:
+    """Mean square of all, a few in a thousand cut at either end."""
+    seen = values[np.isfinite(values)]
+    return float(np.mean(np.clip(seen, *np.quantile(seen, [0.002, 0.998])) ** 2))
 
 
 def _step(values: NDArray[np.float32]) -> float:

@@ -14,11 +14,14 @@ import pytest
 from capture.capture_set import CaptureSet
 from capture.picture import read_depth
 from capture.prepare import prepare_all
+from diagnosis import synthesis
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.fabric_task import FabricTask
 from diagnosis.preparation import TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA, prepare_tasks
+from renderer.camera import CANONICAL_CAMERA
 from renderer.depth_png import write_depth_png
+from renderer.sensor import SensorModel
 from tests.diagnosis.conftest import CANDIDATES, MakeSet
 
 Change = Callable[[dict[str, Any]], None]
@@ -199,3 +202,17 @@ def test_an_effect_that_only_scatters_repeats_may_be_tried_alone(plain: CaptureS
     options = DiagnosisOptions(effects=("bending_hysteresis",), resolution_m=0.02)
     report = diagnose(plain, options, cache=shelf).report
     assert set(report.cause.probabilities) == {"none", "unknown", "bending_hysteresis"}
+
+
+@pytest.mark.parametrize("effect", [None, "air_draft=0.2"])
+def test_a_quiet_sensor_does_not_take_folds_for_noise(
+    effect: str | None, monkeypatch: pytest.MonkeyPatch, make_set: MakeSet, shelf: DrapeCache
+) -> None:
+    """Rendered sets state no noise; what two drapes differ by is far more than that, on cloth."""
+    monkeypatch.setattr(synthesis, "SET_SENSOR", SensorModel(quantisation_m=0.0001))
+    monkeypatch.setattr(synthesis, "SET_CAMERA", CANONICAL_CAMERA)
+    captures = make_set(*([effect] if effect else []))
+    assert captures.captures[0].camera == CANONICAL_CAMERA
+    report = diagnose(captures, DiagnosisOptions(CANDIDATES, resolution_m=0.02), cache=shelf).report
+    assert report.cause.top == ("air_draft" if effect else "none")
+    assert report.gap.detected is (effect is not None)

@@ -21,8 +21,8 @@ from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
 
 
-def test_stiffening_alone_is_simulated_on_fine_cells() -> None:
-    assert [name for name, effect in catalogue().items() if effect.fine] == ["stretch_stiffening"]
+def test_what_coarse_cells_do_not_hold_is_simulated_on_fine_ones() -> None:
+    assert [name for name, effect in catalogue().items() if effect.fine] == ["edge_curl", "stretch_stiffening"]
 
 
 def test_fine_responses_go_on_from_the_state_itself(
