@@ -128,6 +128,8 @@ def answer_cases(
             if on_case is not None:
                 on_case(1.0)
     done = [name for name in map(case_name, numbers) if _is_answered(out / REPORTS_FOLDER / f"{name}.json")]
+    if not done and make is None and not any(is_sealed(out / case_name(number)) for number in numbers):
+        raise InputError(f"{out}: its cases are planned and not made: give --make", code="blind_nothing_done")
     if not done:
         raise InputError(f"{out}: no case is diagnosed yet: give more time", code="blind_nothing_done")
     return open_labels(out, done, cache)

@@ -119,7 +119,9 @@ def check_plan(fabrics: int, count: int) -> None:
         raise InputError(f"a triplet study needs at least 3 fabrics, got {fabrics}", code="fabrics_too_few")
     questions = fabrics * (fabrics - 1) * (fabrics - 2) // 2
     if count > questions:
-        raise InputError(f"{fabrics} fabrics allow {questions} different triplets, not {count}", code="triplets_many")
+        raise InputError(
+            f"{fabrics} fabrics allow {questions} different triplets, not {count}: ask for fewer", code="triplets_many"
+        )
     if count < TIMES_AS_REFERENCE * fabrics:
         raise InputError(
             f"{count} triplets cannot have each of {fabrics} fabrics as reference {TIMES_AS_REFERENCE} times: "

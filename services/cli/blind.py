@@ -17,7 +17,6 @@ from simcore.errors import InputError
 def register(app: typer.Typer) -> None:
     """Add the command's group."""
     blind = typer.Typer(
-        no_args_is_help=True,
         help="Check the diagnosis on capture sets whose cause is sealed.\n\n\b\nExample:\n"
         "  drapemeter blind make 20 check/ --seed 7 && drapemeter blind score check/ --page check.md",
     )
@@ -77,7 +76,7 @@ def score(
     make_missing: bool = typer.Option(
         False, "--make", help="Make cases that are not there yet, one after the other, each before it is diagnosed."
     ),
-    minutes: float = typer.Option(0.0, "--minutes", help="Begin no further case after this time; 0: do all."),
+    minutes: float = typer.Option(0.0, "--minutes", min=0.0, help="Begin no further case after this time; 0: do all."),
     seed: int = SEED_FIXED,
     json_output: bool = JSON,
 ) -> None:

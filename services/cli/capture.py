@@ -34,7 +34,7 @@ FRAMES = typer.Option(30, "--frames", min=1, help="Frames to take the median of.
 
 def register(app: typer.Typer) -> None:
     """Add the command group."""
-    group = typer.Typer(help=OVERVIEW, no_args_is_help=True, rich_markup_mode=None)
+    group = typer.Typer(help=OVERVIEW, rich_markup_mode=None)
     group.command("check")(check)
     group.command("register")(register_set)
     group.command("import")(import_frames)

@@ -82,6 +82,7 @@ def dataset(
       drapemeter dataset inspect store.zarr --figures out/
     """
     if context.invoked_subcommand is not None:
+        _refuse_options(context)
         return
     from services.dataset.fabrics import plan_sweep
 
@@ -110,6 +111,22 @@ def dataset(
         raise InputError("say where the store shall be: --out store.zarr", code="out_missing")
     placement = Placement(address, workers, recycle)
     sweep(out, configuration, table, placement, resume=resume, json_output=json_output)
+
+
+def _refuse_options(context: typer.Context) -> None:
+    """Options that stand before a subcommand would be passed over.
+
+    Raises:
+        InputError: there are some.
+    """
+    for option in context.command.params:
+        source = context.get_parameter_source(option.name or "")
+        if source is not None and source.name == "COMMANDLINE":
+            raise InputError(
+                f"{option.opts[0]} stands before {context.invoked_subcommand}: options of "
+                f"`drapemeter dataset {context.invoked_subcommand}` go behind it",
+                code="options_exclude",
+            )
 
 
 def describe_simulator(configuration: SweepConfiguration) -> str:

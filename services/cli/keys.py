@@ -30,7 +30,7 @@ DATABASE = typer.Option(
 
 def register(app: typer.Typer) -> None:
     """Add the command and its three subcommands."""
-    keys = typer.Typer(help=HELP, no_args_is_help=True, add_completion=False, rich_markup_mode=None)
+    keys = typer.Typer(help=HELP, add_completion=False, rich_markup_mode=None)
     keys.command("create", help=CREATE_HELP)(create)
     keys.command("list", help=LIST_HELP)(list_)
     keys.command("revoke", help=REVOKE_HELP)(revoke)

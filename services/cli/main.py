@@ -103,7 +103,8 @@ def run(arguments: Sequence[str]) -> int:
             console.error_line("interrupted", "interrupted")
             return EXIT_INTERRUPTED
         except typer.TyperException as error:
-            hint = f"drapemeter {_selected(arguments) or ''}".strip()
+            context = getattr(error, "ctx", None)
+            hint = context.command_path if context else f"drapemeter {_selected(arguments) or ''}".strip()
             console.error_line(f"{error.format_message().rstrip('.')}; see `{hint} --help`", "usage")
             return EXIT_BAD_INPUT
         except DrapemeterError as error:

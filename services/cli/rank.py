@@ -59,10 +59,6 @@ def rank(
     check_resolution(resolution)
     if top < 0:
         raise InputError(f"--top must not be negative, got {top}: give 0 for all", code="top_out_of_range")
-    if figure is not None:
-        check_figure(figure)
-    if thumbnails is not None:
-        make_folder(thumbnails, "name a folder that can be written to")
     note_raised_bias([(str(reference), fabric), *((entry.id, entry.parameters) for entry in entries)])
     from metric.backends import get_backend
     from metric.search import search_library
@@ -71,6 +67,10 @@ def rank(
 
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     metric = get_backend(backend)
+    if figure is not None:
+        check_figure(figure)
+    if thumbnails is not None:
+        make_folder(thumbnails, "name a folder that can be written to")
     renders, features = caches(cache)
     with console.progress("simulating", 2 * simulations * (1 + len(entries))) as bar:
         found = search_library(

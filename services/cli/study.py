@@ -36,7 +36,7 @@ Example:
 
 def register(app: typer.Typer) -> None:
     """Add the command group."""
-    group = typer.Typer(help=HELP, no_args_is_help=True, rich_markup_mode=None)
+    group = typer.Typer(help=HELP, rich_markup_mode=None)
     group.command("make")(make)
     group.command("list")(list_)
     group.command("serve")(serve)

@@ -31,7 +31,7 @@ def train(
     out: Path = typer.Option(..., "--out", help="Model folder to write; an earlier model there is replaced."),
     preset: str = typer.Option("standard", "--preset", help="standard, paper or quick: see docs/estimator.md."),
     epochs: int | None = typer.Option(None, "--epochs", help="Passes over the training pictures."),
-    input_size: int | None = typer.Option(None, "--input-size", help="Edge of the input [pixel]: 64, 128 or 256."),
+    input_size: int | None = typer.Option(None, "--input-size", help="Edge of the input [pixel]: 32, 64, 128 or 256."),
     trunk_width: float | None = typer.Option(None, "--trunk-width", help="Channels as a share of ResNet-18's."),
     pictures: int | None = typer.Option(None, "--pictures", help="Pictures of an epoch, at most; 0 = all."),
     pretrained: bool | None = typer.Option(None, "--pretrained/--scratch", help="Start from ImageNet weights."),

@@ -67,6 +67,14 @@ def plan_sweep(
     if kind is not DesignKind.LIST and materials is None:
         raise InputError("say how many fabrics: --materials N", code="materials_missing")
     ranges = dict(settings.pop("ranges", None) or {})
+    if fabrics is not None and DesignKind.parse(design) not in (DesignKind.SOBOL, DesignKind.LIST):
+        raise InputError(
+            f"--fabrics lists the fabrics, --design {design} draws them: give one of the two", code="options_exclude"
+        )
+    if kind is DesignKind.LIST and ranges:
+        raise InputError(
+            "--range bounds fabrics that are drawn, --fabrics lists them: give one of the two", code="options_exclude"
+        )
     listed: NDArray[np.float64] | None = None
     if kind is DesignKind.LIST and fabrics is not None:
         listed = _listed(fabrics, materials)

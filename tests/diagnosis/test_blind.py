@@ -24,7 +24,16 @@ from diagnosis.blind_make import (
     make_blind_check,
 )
 from diagnosis.blind_page import render_page
-from diagnosis.blind_score import REPORTS_FOLDER, Answer, open_label, open_labels, read_manifest, same, score
+from diagnosis.blind_score import (
+    REPORTS_FOLDER,
+    Answer,
+    answer_cases,
+    open_label,
+    open_labels,
+    read_manifest,
+    same,
+    score,
+)
 from diagnosis.claims import Claims, alone
 from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import catalogue
@@ -184,3 +193,9 @@ def test_labels_that_another_process_is_opening_come_last(tmp_path: Path, monkey
                 assert not opened.done()
         assert [one.name for one in opened.result(timeout=60)] == names
     assert order == ["case-002", "case-003", "case-001"]
+
+
+def test_a_check_that_is_only_planned_says_so(tmp_path: Path) -> None:
+    case_maker(tmp_path / "cases", PLAN)
+    with pytest.raises(InputError, match="--make"):
+        answer_cases(tmp_path / "cases", cache=DrapeCache(tmp_path / "drapes"))

@@ -121,3 +121,11 @@ def test_missing_weights_exit_1_and_name_the_way_out(
     monkeypatch.setenv("DRAPEMETER_WEIGHTS", str(tmp_path))
     assert run(["distance", fabrics[0], fabrics[1]]) == 1
     assert "--backend depth" in capsys.readouterr().err
+
+
+def test_a_ranking_that_cannot_be_leaves_nothing(fabrics: tuple[str, str, str], tmp_path: Path) -> None:
+    a, _, library = fabrics
+    before = sorted(tmp_path.iterdir())
+    places = ["--thumbnails", str(tmp_path / "th"), "--figure", str(tmp_path / "fig" / "s.png")]
+    assert run(["rank", a, library, "--backend", "nonsense", *places]) == 2
+    assert sorted(tmp_path.iterdir()) == before

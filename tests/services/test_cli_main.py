@@ -92,6 +92,26 @@ def test_usage_errors_exit_with_2_and_name_the_help(
     assert "--help" in captured.err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["capture"], "drapemeter capture --help"),
+        (["study"], "drapemeter study --help"),
+        (["keys"], "drapemeter keys --help"),
+        (["blind"], "drapemeter blind --help"),
+        (["capture", "import", "--nonsense"], "drapemeter capture import --help"),
+        (["study", "compare", "--nonsense"], "drapemeter study compare --help"),
+    ],
+)
+def test_a_usage_error_of_a_subcommand_names_its_own_help(
+    arguments: list[str], hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main.run(arguments) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and len(said) < 200
+    assert f"`{hint}`" in said
+
+
 def test_json_keeps_other_prints_off_standard_output(
     probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -50,6 +50,14 @@ def test_bad_input_is_one_line_exit_2_and_nothing_written(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_options_before_a_subcommand_are_not_passed_over(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for option in (["--json"], ["--materials", "3"]):
+        assert run(["dataset", *option, "inspect", str(store)]) == 2
+        caught = capsys.readouterr()
+        assert f"{option[0]} stands before inspect" in caught.err and caught.out == ""
+    assert run(["dataset", "inspect", str(store), "--json"]) == 0
+
+
 def test_missing_out_and_materials_are_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["dataset", "--materials", "3"]) == 2
     assert "--out" in capsys.readouterr().err

@@ -69,6 +69,14 @@ def test_a_list_is_taken_as_it_is(tmp_path: Path) -> None:
     assert fewer.materials == 2 and fewer.fabrics_digest != configuration.fabrics_digest
 
 
+@pytest.mark.parametrize("beside", [{"design": "random"}, {"design": "grid"}, {"ranges": {"density": (0.1, 0.3)}}])
+def test_what_draws_fabrics_does_not_go_with_a_list(beside: dict[str, Any], tmp_path: Path) -> None:
+    (tmp_path / "f.json").write_text(json.dumps([f.as_dict() for f in FABRICS]))
+    with pytest.raises(InputError, match="one of the two") as caught:
+        plan_sweep(fabrics=tmp_path / "f.json", **beside)
+    assert caught.value.code == "options_exclude"
+
+
 def test_an_impossible_plate_in_a_list_is_named(tmp_path: Path) -> None:
     row = dict(zip(PARAMETER_NAMES, [100, 100, 50, 4e-5, 1e-6, 1e-6, 0.2], strict=True))
     (tmp_path / "f.json").write_text(json.dumps([FABRICS[0].as_dict(), row]))
