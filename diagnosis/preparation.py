@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from capture.capture_set import Capture, CaptureSet
 from capture.documents import FabricDocument, SensorDocument, SetupDocument
@@ -34,8 +35,10 @@ LEAST_ESTIMATED_SIGMA = 0.15
 STATED_SIGMA = 0.07
 """Relative uncertainty of parameters that a set states without saying how well they are known."""
 TYPICAL_DENSITY_KG_M2 = 0.2
-BEHIND_M, BEHIND_SHARE = 0.1, 0.05
-"""What lies further behind the panel, in metres and as a share of its depth, is no panel, whatever the camera does."""
+AWAY_M, AWAY_SHARE = 0.1, 0.05
+"""What lies further behind or before the panel, in metres and as a share of its depth, is no panel, whatever the
+camera does."""
+CLOTH_RIM_PX = 3
 
 
 def prepare_tasks(
@@ -67,7 +70,7 @@ def prepare_tasks(
                 sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m),
             )
             depth = (
-                without_background(ready.depth, scene)
+                without_surroundings(ready.depth, ready.region.mask, scene)
                 if capture.setup.panel
                 else np.where(ready.region.mask, ready.depth, np.float32(0.0))
             )
@@ -82,11 +85,21 @@ def prepare_tasks(
     return tasks, assumed
 
 
-def without_background(depth: NDArray[np.float32], scene: SimulationScene) -> NDArray[np.float32]:
-    """A picture [m] without what lies far behind the panel, beside its border: the simulated panel has none."""
+def without_surroundings(
+    depth: NDArray[np.float32], cloth: NDArray[np.bool_], scene: SimulationScene
+) -> NDArray[np.float32]:
+    """A picture [m] without what is neither cloth nor panel: the simulated panel has no end, and nothing before it.
+
+    Args:
+        depth: of the capture [m], [H, W].
+        cloth: where it shows the cloth, bool [H, W].
+        scene: how the camera sees the panel.
+    """
     panel = panel_depth(scene.camera, scene.camera_from_panel)
-    far = depth > panel + np.maximum(BEHIND_M, BEHIND_SHARE * panel)
-    return np.where(far, np.float32(0.0), depth)
+    away = np.maximum(AWAY_M, AWAY_SHARE * panel)
+    near_cloth = ndimage.binary_dilation(cloth, iterations=CLOTH_RIM_PX)
+    other = (depth > panel + away) | ((depth < panel - away) & ~near_cloth)
+    return np.where(other, np.float32(0.0), depth)
 
 
 def not_stated(captures: CaptureSet) -> Iterator[str]:
