@@ -111,6 +111,16 @@ BACKEND_NAMES: tuple[str, ...] = tuple(_REGISTER)
 """Names that :func:`get_backend` knows."""
 
 
+def check_backend(name: str) -> None:
+    """Refuse a name that no back end has, without making one.
+
+    Raises:
+        InputError: unknown name.
+    """
+    if name not in _REGISTER:
+        raise InputError(f"unknown back end {name!r}: choose one of {', '.join(BACKEND_NAMES)}", code="backend_unknown")
+
+
 def get_backend(name: str) -> Backend:
     """Make a back end by name.
 
@@ -118,6 +128,5 @@ def get_backend(name: str) -> Backend:
         InputError: unknown name.
         MissingResourceError: its weights are not on this machine and cannot be downloaded.
     """
-    if name not in _REGISTER:
-        raise InputError(f"unknown back end {name!r}: choose one of {', '.join(BACKEND_NAMES)}", code="backend_unknown")
+    check_backend(name)
     return _REGISTER[name]()

@@ -60,17 +60,18 @@ def rank(
     if top < 0:
         raise InputError(f"--top must not be negative, got {top}: give 0 for all", code="top_out_of_range")
     note_raised_bias([(str(reference), fabric), *((entry.id, entry.parameters) for entry in entries)])
-    from metric.backends import get_backend
+    from metric.backends import check_backend, get_backend
     from metric.search import search_library
     from metric.simulate import SimulationPlan
     from services.cli.metric_options import caches, descriptor_store
 
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
-    metric = get_backend(backend)
+    check_backend(backend)
     if figure is not None:
         check_figure(figure)
     if thumbnails is not None:
         make_folder(thumbnails, "name a folder that can be written to")
+    metric = get_backend(backend)
     renders, features = caches(cache)
     with console.progress("simulating", 2 * simulations * (1 + len(entries))) as bar:
         found = search_library(

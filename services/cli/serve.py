@@ -9,7 +9,6 @@ import typer
 
 from services.cli import console
 from services.cli.options import SEED_FIXED
-from simcore.errors import InputError
 
 if TYPE_CHECKING:
     from services.settings import Settings
@@ -54,8 +53,6 @@ def serve(
         "dataset_root": dataset_root,
     }
     settings = load_settings(given)
-    if model is not None and settings.model is not None:
-        _check_model(settings.model)
     from services.logs import configure_logging
 
     configure_logging(settings.log_level)
@@ -72,20 +69,6 @@ def serve(
 
         _prepare_database(settings)
         run_server(settings)
-
-
-def _check_model(folder: Path) -> None:
-    """Refuse a folder named on the command line that holds no model.
-
-    Raises:
-        InputError: it holds none.
-    """
-    from services.api.model_folder import find_model
-
-    if find_model(folder) is None:
-        raise InputError(
-            f"{folder}: no trained model is there: name a folder that `drapemeter train` wrote", code="model_missing"
-        )
 
 
 def load_settings(given: dict[str, Any]) -> Settings:

@@ -83,12 +83,6 @@ def test_an_open_server_refuses_foreign_web_pages(client: httpx.Client, headers:
     assert (answer.status_code, answer.json()["code"]) == (403, "origin_refused")
 
 
-def test_a_folder_without_a_model_is_told_at_once(tmp_path: Path) -> None:
-    refused = drapemeter(tmp_path, "serve", "--port", "0", "--model", str(tmp_path))
-    assert refused.returncode == 2
-    assert "[model_missing]" in refused.stderr and refused.stderr.count("\n") == 1
-
-
 def test_a_taken_port_is_told_in_one_line(served: Served, tmp_path: Path) -> None:
     port = served.url.rsplit(":", 1)[1]
     refused = drapemeter(tmp_path, "serve", "--port", port)
