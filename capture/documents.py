@@ -190,10 +190,9 @@ def parse_document(text: str, source: str) -> CaptureSetDocument:
     if not isinstance(value, dict):
         raise InputError(f"{source}: a JSON object in format {FORMAT!r} is needed", code="capture_set_invalid")
     if value.get("format") != FORMAT:
-        stated = value.get("format")
-        given = type(stated).__name__ if isinstance(stated, dict | list) else json.dumps(stated)[:80]
+        stated = _shown(value.get("format"))
         raise InputError(
-            f"{source}: format is {given}, this version reads {FORMAT!r}: convert the set or write that format",
+            f"{source}: format is {stated}, this version reads {FORMAT!r}: convert the set or write that format",
             code="capture_format_unknown",
         )
     try:
@@ -280,6 +279,13 @@ _NEEDED: Final = {
 }
 
 
+def _shown(value: object) -> str:
+    """A value of the file, short, for a message."""
+    if isinstance(value, list | dict):
+        return "a list" if isinstance(value, list) else "an object"
+    return json.dumps(value)[:80]
+
+
 def _as_input_error(error: ValidationError, source: str) -> InputError:
     """The first complaint of pydantic as one line of ours."""
     found = error.errors(include_url=False)
@@ -291,14 +297,7 @@ def _as_input_error(error: ValidationError, source: str) -> InputError:
     elif first["type"] == "missing":
         message = "is missing"
     elif first["type"] in _NEEDED:
-        given = (
-            "a list"
-            if isinstance(first["input"], list)
-            else "an object"
-            if isinstance(first["input"], dict)
-            else json.dumps(first["input"], ensure_ascii=False)[:80]
-        )
-        message = f"{given} where {_NEEDED[first['type']]} is needed"
+        message = f"{_shown(first['input'])} where {_NEEDED[first['type']]} is needed"
     elif first["type"] == "value_error":
         code = "parameter_out_of_range"
     # a list whose only entry was refused is called too short besides
