@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,6 +28,8 @@ REFUTED = 0.1
 """Share of its probability that an effect keeps which brings the simulation no nearer to captures held out from it."""
 REMAINDER_SHARE = 0.5
 """Of ``unknown``: something that shows in what is common to all fabrics, alone or beside an effect."""
+SHOWN_NATS = 0.5
+"""An effect that changes the log likelihood by less at any size is not seen by these captures."""
 REFERENCE_ROUNDS = 4
 """So often another explanation may turn out to be the best one when all are held against it."""
 
@@ -39,20 +41,23 @@ class CausePrior:
     Attributes:
         none, unknown, two: of no effect, of something else, of two effects.
         scatter: how much less probable than another an effect is that can explain any scatter.
-        unseen: the same of effects on pixels where the sensor is not stated.
+        unseen: the same of effects that these captures cannot show: those on pixels where the sensor is not stated, and
+            those that change nothing that was measured.
     """
 
-    none: float = 0.265
-    unknown: float = 0.18
-    two: float = 0.13
+    none: float = 0.15
+    unknown: float = 0.21
+    two: float = 0.15
     scatter: float = 0.15
     unseen: float = 0.1
 
-    def shares(self, effects: Sequence[str], *, pixels_seen: bool = True) -> dict[str, float]:
+    def shares(
+        self, effects: Sequence[str], *, pixels_seen: bool = True, unshown: Collection[str] = ()
+    ) -> dict[str, float]:
         """Of each single explanation."""
         weight = {name: self.scatter if get_effect(name).random_repeats else 1.0 for name in effects}
-        if not pixels_seen:
-            weight = {n: w * self.unseen if is_on_pixels(n) else w for n, w in weight.items()}
+        hidden = {n for n in effects if n in unshown or (is_on_pixels(n) and not pixels_seen)}
+        weight = {n: w * self.unseen if n in hidden else w for n, w in weight.items()}
         rest = (1.0 - self.none - self.unknown - self.two) / sum(weight.values())
         return {"none": self.none, "unknown": self.unknown} | {name: rest * w for name, w in weight.items()}
 
@@ -152,7 +157,7 @@ def name_cause(
     by_hold = [_tables(effects, blocks, pixels, model)]
     by_hold += [_otherwise(by_hold[0], blocks, own, pixels, model) for own in as_held[1:]]
     tables = [over_holds(same, weights) for same in zip(*by_hold, strict=True)]
-    shares = prior.shares(effects, pixels_seen=pixels.sensor_known)
+    shares = prior.shares(effects, pixels_seen=pixels.sensor_known, unshown=_unshown(by_hold[0]))
     peaks = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
     reference = _reference(tables, blocks, peaks, model, shares)
     alone = {table.name: table.weigh(blocks, reference, model) for table in tables}
@@ -181,6 +186,21 @@ def _tables(effects: Sequence[str], blocks: Sequence[Block], pixels: PixelBlock,
     still = [float(value.max()) for value in nothing.blocks]
     found = [tabulate(get_effect(name), blocks, pixels, model, still) for name in effects]
     return [nothing, tabulate_unknown(blocks, pixels, model), *found]
+
+
+def _unshown(tables: Sequence[Table]) -> frozenset[str]:
+    """Effects that at no size make any difference to what was measured; of a vector only the best size is known.
+
+    Args:
+        tables: as :func:`_tables` gives them.
+    """
+    nothing, still = tables[0], [float(value.max()) for value in tables[0].blocks]
+
+    def shown(table: Table) -> float:
+        cells = sum(np.abs(value - none) for value, none in zip(table.blocks, still, strict=True))
+        return float((cells + np.abs(table.pixels - float(nothing.pixels.max()))).max())
+
+    return frozenset(table.name for table in tables[2:] if not table.sigma and shown(table) < SHOWN_NATS)
 
 
 def _otherwise(

@@ -19,9 +19,11 @@ from simcore.scenes import Scene, Setup
 
 Array = NDArray[np.float64]
 PARAMETER_SIGMAS, PIN_M, FORM_M = 3.0, 0.003, 0.003
-"""Of a change of each parameter, of each pin along each axis, of each form of the cloth or of its rim; effects: their
-typical size; warped pictures: :data:`diagnosis.warps.WARP`."""
-FAMILIES = ("effects", "parameters", "picture", "pins", "placed", "forms", "rim")
+"""Of a change of each parameter, of each pin along each axis, of each form of the cloth, of its rim or of a line across
+it; effects: their typical size; warped pictures: :data:`diagnosis.warps.WARP`."""
+LINES_AT, LINE_WIDTH = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4), 0.05
+"""Where a folded sample has its folds, and how far the cloth beside one is raised, in sample sizes."""
+FAMILIES = ("effects", "parameters", "picture", "pins", "placed", "forms", "rim", "lines")
 """``placed``: moves of pins that an effect of the catalogue describes."""
 
 
@@ -56,7 +58,7 @@ def _changes(effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int
         return np.concatenate([np.zeros((0, own.shape[1])), *rows])
 
     alike = {scene: next(iter(counts)) for scene, counts in pins.items() if len(counts) == 1}
-    forms, rims = FORM_M * smooth_modes()[block.cell].T, FORM_M * rim_forms()[block.cell].T
+    forms, rims, lines = (FORM_M * own[block.cell].T for own in (smooth_modes(), rim_forms(), line_forms()))
     return {
         "effects": np.concatenate([np.zeros((0, len(view.measured))), *(_typical(e, view.responses) for e in effects)]),
         "parameters": whiten(view, PARAMETER_SIGMAS * block.jacobian.T).T,
@@ -65,6 +67,7 @@ def _changes(effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int
         "placed": whiten(view, PIN_M * (_placed(effects, block) @ block.pins).T).T,
         "forms": by_scene(forms, dict.fromkeys(pins, len(forms))),
         "rim": by_scene(rims, dict.fromkeys(pins, len(rims))),
+        "lines": by_scene(lines, dict.fromkeys(pins, len(lines))),
     }
 
 
@@ -112,3 +115,11 @@ def rim_forms() -> Array:
     cloth = np.arange(len(u)) < CELLS * CELLS
     edges = ((v * CELLS < 1, u), (v * CELLS > CELLS - 1, u), (u * CELLS < 1, v), (u * CELLS > CELLS - 1, v))
     return np.stack([cloth * edge * form for edge, along in edges for form in (np.ones_like(u), 2 * along - 1)], axis=1)
+
+
+@cache
+def line_forms() -> Array:
+    """The cloth raised along a line down or across it, as a fold or a seam does, [cells + ring, 10]."""
+    centres = cell_centres()
+    cloth = np.arange(len(centres)) < CELLS * CELLS
+    return np.stack([cloth * np.exp(-np.abs(c - at) / LINE_WIDTH) for c in centres.T for at in LINES_AT], axis=1)

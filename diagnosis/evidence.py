@@ -273,7 +273,7 @@ def widened(view: View, directions: Array, factors: Array, scene: str, model: Li
     """
     measured, count = view.measured, len(view.measured)
     taken = np.reshape(view.taken, (-1, count))
-    known = Lengths.of((taken @ taken.T)[None], (taken @ measured)[None], count, model)
+    known = Lengths.of((taken @ taken.T)[None], (taken @ measured)[None], count, model, alone=False)
     along = np.linalg.qr(taken.T)[0]
     scale = float(np.sqrt(known.grown[0]))
     beside = (measured - along @ (along.T @ measured)) / scale

@@ -15,8 +15,8 @@ from diagnosis.block import Block, PixelBlock, View
 Array = NDArray[np.float64]
 FACTORS = np.geomspace(2.0, 300.0, 33)
 """By how much pixel statistics may be off when something unknown is there."""
-WILD_SHARE = 0.3
-"""Of the pixel statistics, when something unknown is there."""
+WILD_SHARES = (0.1, 0.3)
+"""Of the pixel statistics, when something unknown is there: how many are off is not known either."""
 SCALES = np.geomspace(0.3, 8.0, 25)
 """By how much errors of an ordinary block may be smaller or larger than modelled."""
 ALONE_NATS = 2.0
@@ -119,7 +119,7 @@ def view_log_likelihood(view: View, rows: Array, weights: Array, scene: str, mod
     made[:, 1:, len(rows) :] = np.eye(len(view.taken))
     seen = made @ (known @ view.measured)
     gram = made @ (known @ known.T) @ made.transpose(0, 2, 1)
-    lengths = Lengths.of(gram, seen - gram[:, :, 0], count, model)
+    lengths = Lengths.of(gram, seen - gram[:, :, 0], count, model, alone=not view.taken)
     left = np.maximum(float(view.measured @ view.measured) - 2.0 * seen[:, 0] + gram[:, 0, 0], 0.0)
     dimension = count * model.dimension_share
     square = (left / lengths.grown - lengths.along) * model.dimension_share
@@ -133,7 +133,8 @@ class Lengths:
 
     Attributes:
         grown: by how much all errors' variance grows, since the responses' form is uncertain, [g].
-        along: squared length of the residual in the span of the responses, in units of grown errors, [g].
+        along: squared length of the residual in the span of the responses, in units of grown errors, as far as one
+            alone is longer than the errors, [g].
         square: the same with the responses' lengths uncertain, [g].
         spent: half the log determinant of that, [g].
     """
@@ -144,14 +145,19 @@ class Lengths:
     spent: Array
 
     @classmethod
-    def of(cls, gram: Array, cross: Array, count: int, model: LikelihoodModel) -> Lengths:
+    def of(cls, gram: Array, cross: Array, count: int, model: LikelihoodModel, *, alone: bool = True) -> Lengths:
         """Of products of whitened responses with one another, [g, k, k], and with the residuals, [g, k], all of
-        ``count`` measurements."""
+        ``count`` measurements.
+
+        A direction in which the response to one effect alone is shorter than the errors is one among all others: what
+        does not show is as probable as none. A second effect, which is sought longer, pays for it (decision 022).
+        """
         grown = 1.0 + model.form_share**2 * np.trace(gram, axis1=1, axis2=2) / count
         own, basis = np.linalg.eigh(gram / grown[:, None, None])
         own, parts = np.maximum(own, 0.0), (cross[:, None] @ basis)[:, 0] ** 2 / grown[:, None] ** 2
         least = 1e-10 * own.sum(axis=1, keepdims=True) + 1e-12
-        along = (parts / (own + least)).sum(axis=1)
+        seen = own / (own + 1.0) if alone else 1.0
+        along = (parts / (own + least) * seen).sum(axis=1)
         told = (parts / (own + model.template_share**-2)).sum(axis=1)
         spent = 0.5 * np.log1p(model.template_share**2 * own).sum(axis=1)
         return cls(grown, along, along - told, spent)
@@ -206,14 +212,27 @@ def pixel_log_likelihood(
 
 def pixel_unknown(pixels: PixelBlock, model: LikelihoodModel) -> float:
     """Of pixel statistics some of which are off by any factor, each for itself."""
-    if not len(pixels.measured):
-        return 0.0
+    calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
+    return float(calm[0]) + some_off(pixels, model)
+
+
+def some_off(pixels: PixelBlock, model: LikelihoodModel, among: NDArray[np.bool_] | None = None) -> float:
+    """Log likelihood of pixel statistics at least one of which is off by any factor, over that of none; 0 without any.
+
+    Args:
+        pixels: measured.
+        model: see there.
+        among: those that may be off, [m]; all by default.
+    """
     spread = _pixel_spread(pixels, np.zeros(len(pixels.measured)), model)
-    square = (pixels.measured / spread)[:, None] ** 2
-    wild = log_student(square / FACTORS**2, 1.0, model.pixel_degrees) - np.log(FACTORS)
-    off = logsumexp(wild, axis=1) - np.log(len(FACTORS)) + np.log(WILD_SHARE)
-    calm = log_student(square[:, 0], 1.0, model.pixel_degrees) + np.log1p(-WILD_SHARE)
-    return float((np.logaddexp(off, calm) - np.log(spread)).sum())
+    square = (pixels.measured / spread)[slice(None) if among is None else among, None] ** 2
+    if not len(square):
+        return 0.0
+    wild = logsumexp(log_student(square / FACTORS**2, 1.0, model.pixel_degrees) - np.log(FACTORS), axis=1)
+    off = wild - np.log(len(FACTORS)) - log_student(square[:, 0], 1.0, model.pixel_degrees)
+    share, all_calm = np.array(WILD_SHARES), (1.0 - np.array(WILD_SHARES)) ** len(off)
+    either = np.logaddexp(np.log(share)[:, None] + off, np.log1p(-share)[:, None]).sum(axis=1)
+    return float(logsumexp(either + np.log1p(-all_calm * np.exp(-either)) - np.log1p(-all_calm)) - np.log(len(share)))
 
 
 def _pixel_spread(pixels: PixelBlock, response: Array, model: LikelihoodModel, vague: Array | float = 0.0) -> Array:

@@ -1,8 +1,8 @@
 """What an explanation leaves over that is common to all fabrics: the mark of something outside the catalogue.
 
 What is in no catalogue cannot be simulated, but the change it brings can be put together from changes that can:
-effects, parameters, pins, warps of the picture, smooth changes of any form and of the rim, in the same proportions for
-all fabrics. Such a mixture, of all of them or of one family, is fitted to all fabrics but one and judged on the one
+effects, parameters, pins, warps of the picture, smooth changes of any form, of the rim and of lines across the cloth,
+in the same proportions for all fabrics. Such a mixture, of all of them or of one family, is fitted to all fabrics but one and judged on the one
 left out; what is chance, or one fabric's own, predicts nothing, and of few changes less is needed to be seen.
 """
 
@@ -21,9 +21,9 @@ from diagnosis.likelihood import ALONE_NATS, LikelihoodModel
 
 Array = NDArray[np.float64]
 ALL = "all"
-SINGLE = ("picture", "pins", "rim")
+SINGLE = ("picture", "pins", "rim", "lines")
 """Families that are tried by themselves; smooth forms are not: another simulator shows one for no reason."""
-BY_CHANCE_NATS = {ALL: 6.0, "picture": 3.0, "pins": 3.0, "rim": 6.0}
+BY_CHANCE_NATS = {ALL: 6.0, "picture": 3.0, "pins": 3.0, "rim": 6.0, "lines": 2.0}
 """A mixture may gain so much where nothing unknown is there: simulators differ for no reason, each time otherwise; a
 rim is lifted by curvatures of the catalogue, too, whose own responses may be of other folds."""
 SINGLE_SHARE = 0.5

@@ -13,14 +13,16 @@ from diagnosis.block import Block, PixelBlock, whiten
 from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence
 from diagnosis.groups import NOT_EFFECTS
-from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown
+from diagnosis.likelihood import LikelihoodModel, some_off
 from diagnosis.pairs import FIRST_EFFECTS, Pair
 from diagnosis.remainder import Mixture
-from diagnosis.subtract import as_seen, pixels_without, responses_at_place, together, without
+from diagnosis.subtract import as_seen, pixels_together, pixels_without, responses_at_place, together, without
 
 Array = NDArray[np.float64]
 TOLERATED = 0.7
 """Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
+CHANGED = 0.5
+"""A shared number is explained by what changes it by more than this share of how far it is off."""
 SAID, UNSAID = 0.5, 0.35
 """One effect, or two, that gain more than this share of what a mixture gains, and leave less than this, explain it."""
 
@@ -40,16 +42,12 @@ def something_beside(
     a mixture gains alone is nothing unknown where one of the best effects, or two together, leave little of it.
     """
     mixture = Mixture.of(effects, blocks, model)
-    calm = np.zeros((1, len(pixels.measured)))
-
-    def shared(seen: PixelBlock) -> float:
-        return pixel_unknown(seen, model) - float(pixel_log_likelihood(seen, calm, model)[0])
 
     def either(mixed: float, numbers: float) -> float:
         return float(logsumexp([mixed, numbers, mixed + numbers], b=[0.5, 0.25, 0.25]))
 
     left_by = partial(_left_by, mixture, blocks)
-    alone, numbers = left_by({}), shared(pixels)
+    alone, numbers = left_by({}), some_off(pixels, model)
     unexplained, nothing = mixture.evidence(alone), evidence["none"].log_evidence
     tolerated = TOLERATED * max(0.0, float(alone.max()))
     found, said = [], []
@@ -60,12 +58,19 @@ def something_beside(
         size, own = evidence[name].size, evidence[name].log_evidence
         left = left_by({name: size})
         said.append((own - nothing, left))
-        beside = shared(pixels_without(pixels, name, size)) - TOLERATED * max(0.0, numbers)
+        rest_of = pixels_without(pixels, name, size)
+        explained = np.abs(rest_of.measured - pixels.measured) > CHANGED * np.abs(pixels.measured)
+        allowed = TOLERATED * max(0.0, some_off(pixels, model, explained))
+        beside = some_off(rest_of, model) - allowed
         unsaid = mixture.evidence(left, beside=tolerated)
         for pair, still in left_by_two:
             gained = pair.evidence.log_evidence - own
-            if name in (pair.first, pair.second) and is_said_again(float(left.max()), float(still.max()), gained):
+            if name not in (pair.first, pair.second):
+                continue
+            if is_said_again(float(left.max()), float(still.max()), gained):
                 unsaid = min(unsaid, gained + mixture.evidence(still, beside=tolerated))
+            if gained > SAID * beside:
+                beside = min(beside, gained + some_off(_without_both(pixels, pair), model) - allowed)
         found.append(own + either(unsaid, beside) + np.log(0.5 * shares[name] / rest))
     said += [(pair.evidence.log_evidence - nothing, left) for pair, left in left_by_two]
     for gained, left in said:
@@ -73,6 +78,14 @@ def something_beside(
             unexplained = min(unexplained, gained + mixture.evidence(left, beside=tolerated))
     found.append(nothing + either(unexplained, numbers) + np.log(0.5))
     return float(logsumexp(found))
+
+
+def _without_both(pixels: PixelBlock, pair: Pair) -> PixelBlock:
+    """The shared numbers less what two effects do to them."""
+    left = pixels_together(pixels, pair.first, pair.second)
+    for name in (pair.first, pair.second):
+        left = pixels_without(left, name, pair.sizes[name])
+    return left
 
 
 def _left_by(mixture: Mixture, blocks: Sequence[Block], sizes: Mapping[str, Mapping[str, float]]) -> Array:

@@ -56,6 +56,18 @@ def test_what_one_fabric_alone_shows_names_nothing(shown: range) -> None:
     assert name_cause(("air_draft", "crease"), blocks, pixels).top == "none"
 
 
+def test_an_effect_that_these_captures_cannot_show_takes_little_from_none() -> None:
+    """Its evidence is that of ``none``, whatever is there: nothing that is seen is its doing."""
+    blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(0))
+    for one in blocks:
+        one.stated.responses["panel_friction"] = np.zeros((len(nodes(get_effect("panel_friction"))), COUNT))
+    still = {"panel_friction": np.zeros((len(nodes(get_effect("panel_friction"))), 1))}
+    pixels = replace(pixels, responses=pixels.responses | still)
+    cause = name_cause(("air_draft", "crease", "panel_friction"), blocks, pixels)
+    assert cause.evidence["panel_friction"].log_evidence == pytest.approx(cause.evidence["none"].log_evidence, abs=1e-6)
+    assert cause.top == "none" and 0.0 < cause.probabilities["panel_friction"] < 0.2 * cause.probabilities["none"]
+
+
 def test_what_fits_one_block_better_does_not_hide_what_explains_them_all() -> None:
     blocks, pixels = a_set("air_draft", {SCALAR: 0.2}, range(FABRICS))
     alone = name_cause(("air_draft",), blocks, pixels)

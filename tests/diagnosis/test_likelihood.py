@@ -13,20 +13,21 @@ MODEL = LikelihoodModel()
 
 
 def directly(view: View, response: np.ndarray, scene: str) -> float:
-    """Of one size: errors grown by the responses' mean square, the responses' own lengths uncertain by a share."""
+    """Of one size, direction by direction: errors grown by the responses' mean square, of which a share counts; along a
+    response, whose length is uncertain, all the more of them the longer that of one effect alone is."""
     known = np.stack([response, *view.taken])
     grown = 1.0 + MODEL.form_share**2 * float((known**2).sum()) / COUNT
-    along = np.linalg.svd(known, full_matrices=False)[2]
-    left = view.measured - response
-    beside = left - along.T @ (along @ left)
-    covariance = grown * np.eye(len(along)) + MODEL.template_share**2 * (along @ known.T) @ (along @ known.T).T
-    inside = float((along @ left) @ np.linalg.solve(covariance, along @ left))
-    square = MODEL.dimension_share * float(beside @ beside) / grown + inside
-    spread = 0.5 * np.linalg.slogdet(covariance / grown)[1] + MODEL.dimension_share * (
+    length, axes = np.linalg.svd(known / np.sqrt(grown), full_matrices=False)[1:]
+    left = (view.measured - response) / np.sqrt(grown)
+    along = (axes @ left) ** 2
+    seen = length**2 / (length**2 + 1.0) if not view.taken else np.ones(len(known))
+    counted = MODEL.dimension_share + (1.0 - MODEL.dimension_share) * seen
+    granted = MODEL.template_share**2 * length**2 / (1.0 + MODEL.template_share**2 * length**2)
+    square = MODEL.dimension_share * (float(left @ left) - along.sum()) + float(((counted - granted) * along).sum())
+    spread = 0.5 * np.log1p(MODEL.template_share**2 * length**2).sum() + MODEL.dimension_share * (
         0.5 * COUNT * np.log(grown) + view.log_det
     )
-    dimension = COUNT * MODEL.dimension_share
-    return float(MODEL.log_density(np.array(square), dimension, scene) - spread)
+    return float(MODEL.log_density(np.array(square), COUNT * MODEL.dimension_share, scene) - spread)
 
 
 @pytest.mark.parametrize("before", [0, 1, 2])
@@ -48,3 +49,14 @@ def test_nothing_taken_away_is_the_density_of_the_measurements() -> None:
     found = view_log_likelihood(view, np.zeros((0, COUNT)), np.zeros((1, 0)), "stretch", MODEL)
     square, dimension = MODEL.dimension_share * float(measured @ measured), MODEL.dimension_share * COUNT
     assert found == pytest.approx(MODEL.log_density(np.array([square]), dimension, "stretch"))
+
+
+def test_a_response_that_vanishes_is_as_probable_as_none() -> None:
+    """What a block cannot show speaks neither for an effect nor against it."""
+    rng = np.random.default_rng(5)
+    rows = rng.standard_normal((1, COUNT))
+    view = View(rng.standard_normal(COUNT) + 2.0 * rows[0], {}, {}, np.eye(COUNT), 0.0)
+    still = view_log_likelihood(view, np.zeros((0, COUNT)), np.zeros((1, 0)), "stretch", MODEL)
+    gone = view_log_likelihood(view, rows, np.array([[1e-4], [1e-2]]), "stretch", MODEL)
+    np.testing.assert_allclose(gone, [still[0], still[0]], atol=0.05)
+    assert abs(gone[0] - still[0]) < 1e-3

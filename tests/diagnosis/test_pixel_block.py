@@ -12,7 +12,7 @@ import pytest
 from diagnosis.block import PixelBlock, make_pixel_block
 from diagnosis.effects import get_effect
 from diagnosis.features import PLANE_NAMES
-from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown
+from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown, some_off
 from diagnosis.noise import NoiseModel
 from diagnosis.pixel_statistics import PIXEL_NAMES
 from diagnosis.sizes import nodes
@@ -91,3 +91,17 @@ def test_numbers_that_an_effect_was_taken_away_from_stay_as_uncertain_as_its_res
     assert pixel_log_likelihood(left, calm, model)[0] > pixel_log_likelihood(exact, calm, model)[0] + 2.0
     gained = [pixel_unknown(b, model) - pixel_log_likelihood(b, calm, model)[0] for b in (left, exact)]
     assert gained[0] < gained[1]
+
+
+def test_one_number_that_is_far_off_among_many_is_something_and_none_is_nothing() -> None:
+    model, calm = LikelihoodModel(), np.zeros(10)
+    off = np.concatenate([calm[1:], [8.0]])
+
+    def gained(measured: np.ndarray, among: np.ndarray | None = None) -> float:
+        return some_off(PixelBlock(measured, {}, sensor_known=True), model, among)
+
+    assert gained(calm) < -2.0
+    assert gained(calm) < gained(0.5 + calm) < gained(off)
+    assert gained(off) > 2.0
+    assert gained(off, off > 0.0) > gained(off)  # the fewer might be off, the less that one of them is needs
+    assert gained(off, off < 0.0) == 0.0 == gained(np.zeros(0))

@@ -12,7 +12,7 @@ import pytest
 from diagnosis import refinement
 from diagnosis.block import Block, PixelBlock, View
 from diagnosis.cause import Cause, name_cause
-from diagnosis.changes import rim_forms
+from diagnosis.changes import line_forms, rim_forms
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.evidence import Evidence
@@ -20,7 +20,7 @@ from diagnosis.features import PLANE_NAMES
 from diagnosis.fresh import FreshLook
 from diagnosis.likelihood import LikelihoodModel
 from diagnosis.reference import CELLS, cell_centres
-from diagnosis.remainder import Mixture
+from diagnosis.remainder import BY_CHANCE_NATS, Mixture
 from diagnosis.sizes import node_weights, nodes
 from diagnosis.smooth_modes import smooth_modes
 from diagnosis.something_beside import is_said_again
@@ -44,7 +44,7 @@ def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,)
     """Fabrics with responses of random form, some of which show a change; errors of 0.3 mm.
 
     ``change``: an effect's name, "smooth" for a form that no effect has, of 1.2 mm, or a family of changes: "rim" for
-    an edge that is lifted by 0.9 mm, "picture" and "pins" for one of theirs.
+    an edge that is lifted by 0.9 mm, "lines" for a fold down the middle as high, "picture" and "pins" for one of theirs.
     """
     rng = np.random.default_rng(7)
     form = 0.0012 * smooth_modes()[:COUNT] @ rng.standard_normal(smooth_modes().shape[1]) / 3.0
@@ -59,6 +59,7 @@ def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,)
         of_family = {
             "smooth": form,
             "rim": 0.0009 * rim_forms()[:COUNT, 0],
+            "lines": 0.0009 * line_forms()[:COUNT, 2],
             "picture": 3.0 * warps[5],
             "pins": 0.001 * moved[2],
         }
@@ -94,11 +95,14 @@ def test_chance_or_one_fabric_alone_predicts_nothing(shown: Sequence[int]) -> No
     assert max(gains(fabrics(shown, "smooth")).values()) < 0.0
 
 
-@pytest.mark.parametrize("family", ["rim", "picture", "pins"])
+@pytest.mark.parametrize("family", ["rim", "lines", "picture", "pins"])
 def test_a_change_shows_most_in_its_own_family_and_in_no_other(family: str) -> None:
     found = gains(fabrics(range(FABRICS), family))
     assert found[family] > found["all"] > 5.0
-    assert max(value for name, value in found.items() if name not in (family, "all")) < 0.0
+    others = {name: value for name, value in found.items() if name not in (family, "all")}
+    if family == "rim":  # where lines end
+        assert others.pop("lines") < 0.5 * BY_CHANCE_NATS["lines"]
+    assert max(others.values()) < 0.0
 
 
 def pins_gain(effects: Sequence[str], move: Sequence[float]) -> float:
@@ -127,7 +131,7 @@ def test_a_pin_that_no_effect_moves_so_stays_unknown() -> None:
     assert pins_gain((*EFFECTS, "pin_spacing"), downward) > 8.0
 
 
-@pytest.mark.parametrize("family", ["rim", "picture", "pins"])
+@pytest.mark.parametrize("family", ["rim", "lines", "picture", "pins"])
 def test_what_few_changes_find_in_all_fabrics_is_unknown(family: str) -> None:
     assert name_cause(EFFECTS, fabrics(range(FABRICS), family), quiet()).top == "unknown"
 
@@ -227,6 +231,24 @@ def test_shared_numbers_that_contradict_an_effect_speak_for_something_unknown() 
     blocks = fabrics(range(FABRICS), "air_draft")
     assert name_cause(EFFECTS, blocks, pixels).named == ("air_draft",)
     assert name_cause(EFFECTS, blocks, off).top == "unknown"
+
+
+@pytest.mark.parametrize(("by_first", "by_second", "named"), [(0.0, 0.0, ()), (8.0, 0.0, (1,)), (0.0, 8.0, (1, 2))])
+def test_a_number_that_no_named_effect_changes_is_something_unknown(
+    by_first: float, by_second: float, named: tuple[int, ...]
+) -> None:
+    """One number is off by 8 deviations beside an effect that is sure: nothing of that is granted to an effect that
+    cannot change it; an effect that does, or a second one that does, explains it."""
+    blocks = fabrics(range(FABRICS), "air_draft")
+    rows = {n: np.zeros((len(nodes(get_effect(n))), len(PLANE_NAMES))) for n in (*EFFECTS, "dropout")}
+    for block in blocks:
+        block.stated.responses["dropout"] = np.zeros((len(rows["dropout"]), COUNT))
+    rows["air_draft"][:, 2] = by_first
+    rows["dropout"][:, 2] = by_second
+    off = PixelBlock(np.array([0.0, 0.0, 8.0]), rows, sensor_known=False)
+    cause = name_cause((*EFFECTS, "dropout"), blocks, off)
+    assert set(cause.named) == {("", "air_draft", "dropout")[n] for n in named}
+    assert named or cause.top == "unknown"
 
 
 def test_a_weaker_effect_beside_a_strong_one_is_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
