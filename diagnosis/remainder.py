@@ -2,8 +2,9 @@
 
 What is in no catalogue cannot be simulated, but the change it brings can be put together from changes that can:
 effects, parameters, pins, warps of the picture, smooth changes of any form, of the rim and of lines across the cloth,
-in the same proportions for all fabrics. Such a mixture, of all of them or of one family, is fitted to all fabrics but one and judged on the one
-left out; what is chance, or one fabric's own, predicts nothing, and of few changes less is needed to be seen.
+in the same proportions for all fabrics. Such a mixture, of all of them or of one family, is fitted to all fabrics but
+one and judged on the one left out; what is chance, or one fabric's own, predicts nothing, and of few changes less is
+needed to be seen.
 """
 
 from __future__ import annotations

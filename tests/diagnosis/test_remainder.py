@@ -44,7 +44,8 @@ def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,)
     """Fabrics with responses of random form, some of which show a change; errors of 0.3 mm.
 
     ``change``: an effect's name, "smooth" for a form that no effect has, of 1.2 mm, or a family of changes: "rim" for
-    an edge that is lifted by 0.9 mm, "lines" for a fold down the middle as high, "picture" and "pins" for one of theirs.
+    an edge that is lifted by 0.9 mm, "lines" for a fold down the middle as high, "picture" and "pins" for one
+    of theirs.
     """
     rng = np.random.default_rng(7)
     form = 0.0012 * smooth_modes()[:COUNT] @ rng.standard_normal(smooth_modes().shape[1]) / 3.0
