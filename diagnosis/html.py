@@ -14,12 +14,17 @@ from diagnosis.cause import Cause
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import get_effect
 from diagnosis.fabric_task import CaptureResult, CaptureTask
+from diagnosis.groups import group_of
 from diagnosis.reference import CELLS
 from diagnosis.shrinkage import refitted_residual, response_of, sized
 from diagnosis.where_figure import SURE, png_text, where_picture
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
 MOST_PICTURES = 6
+TOLD = 0.05
+"""A declared twin of what is named is told of from this probability on."""
+WIDE = 2.0
+"""A gap of so many noise floors that is still no gap needs a word why."""
 TEXTS = {
     "none": "nothing beyond repeats and stated uncertainties",
     "unknown": "something that no effect of the catalogue describes",
@@ -65,19 +70,28 @@ def sentence(diagnosis: Diagnosis) -> str:
     report = diagnosis.report
     cause, detected = report.cause, report.gap.detected
     names = [effect.name for effect in cause.effects] or [cause.top]
-    top, p = " with ".join(names), sum(cause.probabilities[name] for name in names)
+    alike = sorted({twin for name in names for twin in group_of(name) if cause.probabilities.get(twin, 0.0) >= TOLD})
+    top, p = " with ".join(names), sum(cause.probabilities[name] for name in {*names, *alike})
+    twins = [twin for twin in alike if twin not in names]
     gap = f"{report.gap.value:.2f} mm against a noise floor of {report.gap.noise_floor:.2f} mm"
     if p < 0.5:
         return f"These captures do not tell what is missing ({gap}): {top} is likeliest, with probability {p:.2f} only."
     if top == "none" and detected:
         return f"They differ ({gap}), but nothing that was tried comes nearer (no effect: probability {p:.2f})."
     if top == "none":
-        return f"Simulation and captures agree as far as these captures can tell ({gap}; probability {p:.2f})."
+        wide = report.gap.value > WIDE * report.gap.noise_floor
+        why = "; what is stated of the fabrics may be as wrong, or folds may have fallen otherwise" if wide else ""
+        return f"Simulation and captures agree as far as these captures can tell ({gap}{why}; probability {p:.2f})."
     differ = f"They differ ({gap})" if detected else f"That they differ at all is not certain ({gap})"
     if top == "unknown":
         return f"{differ}, and no effect of the catalogue explains it (probability {p:.2f})."
     summary = " ".join(get_effect(name).summary for name in names)
     text = f"{differ}. Most probable cause: {top} (probability {p:.2f}). {summary}"
+    if twins:
+        text = (
+            f"{differ}. Most probable cause: {top}, or in its place {' or '.join(twins)}, which these captures do not "
+        )
+        text += f"tell from it (together probability {p:.2f}). {summary}"
     if report.shrinkage is not None:
         share = 100 * report.shrinkage.fraction
         beside = "both" if len(names) == 2 else "it"

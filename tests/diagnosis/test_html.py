@@ -158,12 +158,13 @@ def test_the_page_shows_regions_kinds_and_stages_in_tables_and_pictures(made: Di
     assert "What to do next" in page
 
 
-def told(top: str, p: float, *beside: str, detected: bool = True) -> str:
-    """The sentence of a report."""
+def told(top: str, p: float, *beside: str, detected: bool = True, value: float = 1.0, **also: float) -> str:
+    """The sentence of a report; ``also``: probabilities of other explanations."""
     made = report(top, p)
     effects = tuple(made.cause.effects[0].model_copy(update={"name": name}) for name in (top, *beside) if beside)
-    cause = made.cause.model_copy(update={"effects": effects or made.cause.effects})
-    gap = made.gap.model_copy(update={"detected": detected})
+    probabilities = made.cause.probabilities | also
+    cause = made.cause.model_copy(update={"effects": effects or made.cause.effects, "probabilities": probabilities})
+    gap = made.gap.model_copy(update={"detected": detected, "value": value})
     return sentence(SimpleNamespace(report=made.model_copy(update={"cause": cause, "gap": gap})))  # type: ignore[arg-type]
 
 
@@ -175,3 +176,14 @@ def test_the_sentence_says_what_the_numbers_say() -> None:
     assert "hem_weight with pin_spacing (probability 1.00)" in both and "They differ" in both
     assert "agree" in told("none", 0.9, detected=False)
     assert "They differ" in told("none", 0.9) and "agree" not in told("none", 0.9)
+
+
+def test_a_declared_twin_that_is_as_likely_is_told_of_and_counts_with_what_is_named() -> None:
+    level = told("air_draft", 0.49, panel_tilt=0.49, pin_spacing=0.02)
+    assert "air_draft, or in its place panel_tilt" in level and "together probability 0.98" in level
+    assert "panel_tilt" not in told("air_draft", 0.9, panel_tilt=0.02, pin_spacing=0.08)
+
+
+def test_where_nothing_is_found_in_a_wide_gap_the_sentence_says_why_that_is_no_contradiction() -> None:
+    assert "stated of the fabrics" in told("none", 0.9, detected=False, value=3.0)
+    assert "stated of the fabrics" not in told("none", 0.9, detected=False, value=0.6)
