@@ -45,9 +45,9 @@ class CausePrior:
             those that change nothing that was measured.
     """
 
-    none: float = 0.15
-    unknown: float = 0.21
-    two: float = 0.15
+    none: float = 0.265
+    unknown: float = 0.18
+    two: float = 0.13
     scatter: float = 0.15
     unseen: float = 0.1
 
