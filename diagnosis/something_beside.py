@@ -69,8 +69,9 @@ def something_beside(
                 continue
             if is_said_again(float(left.max()), float(still.max()), gained):
                 unsaid = min(unsaid, gained + mixture.evidence(still, beside=tolerated))
-            if gained > SAID * beside:
-                beside = min(beside, gained + some_off(_without_both(pixels, pair), model) - allowed)
+            numbers_left = some_off(_without_both(pixels, pair), model)
+            if numbers_left < UNSAID * beside:
+                beside = min(beside, gained + numbers_left - allowed)
         found.append(own + either(unsaid, beside) + np.log(0.5 * shares[name] / rest))
     said += [(pair.evidence.log_evidence - nothing, left) for pair, left in left_by_two]
     for gained, left in said:
