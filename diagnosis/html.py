@@ -75,7 +75,10 @@ def sentence(diagnosis: Diagnosis) -> str:
     twins = [twin for twin in alike if twin not in names]
     gap = f"{report.gap.value:.2f} mm against a noise floor of {report.gap.noise_floor:.2f} mm"
     if p < 0.5:
-        return f"These captures do not tell what is missing ({gap}): {top} is likeliest, with probability {p:.2f} only."
+        either = " or ".join([top, *twins])
+        return (
+            f"These captures do not tell what is missing ({gap}): {either} is likeliest, with probability {p:.2f} only."
+        )
     if top == "none" and detected:
         return f"They differ ({gap}), but nothing that was tried comes nearer (no effect: probability {p:.2f})."
     if top == "none":

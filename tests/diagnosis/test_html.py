@@ -182,6 +182,8 @@ def test_a_declared_twin_that_is_as_likely_is_told_of_and_counts_with_what_is_na
     level = told("air_draft", 0.49, panel_tilt=0.49, pin_spacing=0.02)
     assert "air_draft, or in its place panel_tilt" in level and "together probability 0.98" in level
     assert "panel_tilt" not in told("air_draft", 0.9, panel_tilt=0.02, pin_spacing=0.08)
+    unsure = told("air_draft", 0.25, panel_tilt=0.2, pin_spacing=0.55)
+    assert "air_draft or panel_tilt is likeliest, with probability 0.45 only" in unsure
 
 
 def test_where_nothing_is_found_in_a_wide_gap_the_sentence_says_why_that_is_no_contradiction() -> None:

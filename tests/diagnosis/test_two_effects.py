@@ -20,7 +20,7 @@ from diagnosis.effects import get_effect
 from diagnosis.evidence import tabulate, tabulate_nothing
 from diagnosis.fabric_task import CaptureResult
 from diagnosis.fresh import FreshLook
-from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
+from diagnosis.likelihood import Lengths, LikelihoodModel, view_log_likelihood
 from diagnosis.pairs import Pair
 from diagnosis.responses import Responses
 from diagnosis.scene import SimulationScene
@@ -40,7 +40,7 @@ def view(measured: np.ndarray, **known: Any) -> View:
     return View(measured, {}, {}, np.eye(len(measured)), 0.0, **known)
 
 
-def test_what_was_taken_away_is_as_uncertain_as_what_is_tried() -> None:
+def test_what_was_taken_away_is_as_uncertain_as_what_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
     one, two, left = (
         25.0 * rng.standard_normal(COUNT),
@@ -53,8 +53,13 @@ def test_what_was_taken_away_is_as_uncertain_as_what_is_tried() -> None:
         return float(view_log_likelihood(seen, tried[None], np.ones((1, 1)), "stretch", MODEL)[0])
 
     assert value((one,), two) == pytest.approx(value((two,), one), abs=1e-6)
-    # a response alone counts by as much of it as is longer than the errors: of this one all but a 2500th
-    assert value((one,), np.zeros(COUNT)) == pytest.approx(value((), one), abs=1e-3)
+    assert value((one,), np.zeros(COUNT)) < value(
+        (), one
+    )  # what of one alone is shorter than the errors does not count
+    with monkeypatch.context() as patched:
+        of = Lengths.of
+        patched.setattr(Lengths, "of", lambda *known, alone: of(*known, alone=False))
+        assert value((one,), np.zeros(COUNT)) == pytest.approx(value((), one), abs=1e-6)
     assert value((one, two), np.zeros(COUNT)) == pytest.approx(value((one,), two), abs=1e-6)
     longer = left + 0.1 * one  # as much as a response's length errs
 
