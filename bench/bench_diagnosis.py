@@ -22,8 +22,8 @@ from capture.capture_set import CaptureSet
 from diagnosis.atlas import build_atlas
 from diagnosis.atlas_part import atlas_parts
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import catalogue, parse_effect
+from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
 from renderer.atomic import write_atomically
 

@@ -26,8 +26,8 @@ from typing import Any
 
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import parse_effect
+from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
 from renderer.atomic import write_atomically
 

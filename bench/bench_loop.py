@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import Effect, Size
 from diagnosis.effects import parse_effect
 from diagnosis.extension import SimulatorExtension
+from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.synthesis import DIAGNOSABLE, SynthesisPlan, draw_fabrics, make_capture_set
 from services.dataset.fabrics import plan_sweep
 from services.dataset.sweep import run_sweep

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache, content_key
 from diagnosis.effects import parse_effect
 from diagnosis.scene import SimulationScene
+from diagnosis.simulation.drape_cache import DrapeCache, content_key
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
 from renderer.depth import render_depth
 from simcore.parameters import FabricParameters

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.afresh.fresh import is_mechanical
+from diagnosis.afresh.refinement import CANDIDATES, LOOKS
+from diagnosis.afresh.together import CANDIDATES as PAIRS
+from diagnosis.afresh.together import ROUNDS as PAIR_ROUNDS
 from diagnosis.atlas_part import AtlasPart
-from diagnosis.base_state import STARTS
-from diagnosis.drape_cache import DrapeCache, drape_key
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
-from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
-from diagnosis.fresh import is_mechanical
-from diagnosis.missed_folds import FURTHER_SEEDS
-from diagnosis.refinement import CANDIDATES, LOOKS
-from diagnosis.simulator import Cost
-from diagnosis.sizes import nodes, shortcuts
-from diagnosis.together import CANDIDATES as PAIRS
-from diagnosis.together import ROUNDS as PAIR_ROUNDS
+from diagnosis.simulation.base_state import STARTS
+from diagnosis.simulation.drape_cache import DrapeCache, drape_key
+from diagnosis.simulation.missed_folds import FURTHER_SEEDS
+from diagnosis.simulation.simulator import Cost
+from diagnosis.simulation.sizes import nodes, shortcuts
+from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
 from diagnosis.version import RESPONSES_VERSION
 from renderer.atomic import write_atomically
 from simcore.errors import InputError

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from capture.capture_set import CaptureSet
-from diagnosis.drape_cache import DrapeCache, drape_key
-from diagnosis.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask, see_state
-from diagnosis.planned import planned_tasks
-from diagnosis.responses import are_kept
 from diagnosis.scene import SimulationScene
-from diagnosis.simulator import Cost, KeyedDrape, Simulator
+from diagnosis.simulation.drape_cache import DrapeCache, drape_key
+from diagnosis.simulation.responses import are_kept
+from diagnosis.simulation.simulator import Cost, KeyedDrape, Simulator
+from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask, see_state
+from diagnosis.tasks.planned import planned_tasks
 from simcore.mesh import GridMesh
 
 
@@ -53,7 +53,7 @@ def atlas_parts(captures: CaptureSet, effects: tuple[str, ...], resolution_m: fl
     """All parts for a set's fabrics, scenes and cameras; pictures need not be there where the set states the rest.
 
     Raises:
-        InputError: see :func:`diagnosis.planned.planned_tasks`.
+        InputError: see :func:`diagnosis.tasks.planned.planned_tasks`.
     """
     parts = []
     for task in planned_tasks(captures, effects, resolution_m):

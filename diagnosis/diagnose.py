@@ -8,35 +8,35 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from capture.capture_set import CaptureSet
+from diagnosis.afresh.beside import look_beside
+from diagnosis.afresh.fresh import FreshLook, Sized
+from diagnosis.afresh.grip import Grip, judge_grip, with_other_grip
+from diagnosis.afresh.once import once
+from diagnosis.afresh.refinement import look_again
+from diagnosis.afresh.together import look_together
 from diagnosis.atlas import forecast
-from diagnosis.beside import look_beside
-from diagnosis.block import Block, PixelBlock, make_block, make_pixel_block
-from diagnosis.cause import Cause, name_cause
-from diagnosis.detection import detect
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.fabric_task import FabricResult, explain_fabric
-from diagnosis.folds import folds_of
-from diagnosis.fresh import FreshLook, Sized
-from diagnosis.grip import Grip, judge_grip, with_other_grip
+from diagnosis.gap.detection import detect
+from diagnosis.gap.where import where_gaps
 from diagnosis.groups import NOT_EFFECTS, group_of
+from diagnosis.inference.block import Block, PixelBlock, make_block, make_pixel_block
+from diagnosis.inference.cause import Cause, name_cause
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.noise import NoiseModel
+from diagnosis.inference.repeats import pin_scatter
+from diagnosis.inference.subtract import pixels_without, without
 from diagnosis.isolability import not_separable
-from diagnosis.likelihood import LikelihoodModel
-from diagnosis.noise import NoiseModel
-from diagnosis.once import once
-from diagnosis.preparation import prepare_tasks
-from diagnosis.refinement import look_again
-from diagnosis.refutation import judged
-from diagnosis.repeats import pin_scatter
 from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport
-from diagnosis.shrinkage import Held, Judge, Measured, measure_shrinkage
-from diagnosis.shrinkage_report import complete
-from diagnosis.simulator import Cost, Simulator
-from diagnosis.subtract import pixels_without, without
-from diagnosis.together import look_together
+from diagnosis.shrinkage.held_out import Held, Judge, Measured, measure_shrinkage
+from diagnosis.shrinkage.in_report import complete
+from diagnosis.shrinkage.refutation import judged
+from diagnosis.shrinkage.splits import folds_of
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.simulator import Cost, Simulator
+from diagnosis.tasks.fabric_task import FabricResult, explain_fabric
+from diagnosis.tasks.preparation import prepare_tasks
 from diagnosis.version import MODEL_VERSION
-from diagnosis.where import where_gaps
 from diagnosis.workers import ALONE, Workers
 from simcore.errors import InputError
 

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from capture.capture_set import CaptureSet
-from diagnosis.block import Block, PixelBlock, make_block, make_pixel_block
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR, Effect
 from diagnosis.effects import get_effect
-from diagnosis.likelihood import LikelihoodModel
-from diagnosis.noise import NoiseModel
-from diagnosis.sizes import grid, interpolation, node_weights
+from diagnosis.inference.block import Block, PixelBlock, make_block, make_pixel_block
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.noise import NoiseModel
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.sizes import grid, interpolation, node_weights
 from simcore.mesh import GridMesh
 
 Array = NDArray[np.float64]
@@ -171,7 +171,7 @@ def analyse(
 ) -> Isolability:
     """Before (or without) looking at what the captures show: fabrics, scenes, camera and sensor as the set states them.
 
-    No picture need be there where the set states parameters, density and pose (:mod:`diagnosis.planned`).
+    No picture need be there where the set states parameters, density and pose (:mod:`diagnosis.tasks.planned`).
 
     Args:
         captures: taken or planned.
@@ -184,10 +184,10 @@ def analyse(
         InputError: captures that cannot be used, or a plan that does not state what pictures would have to tell.
         SimulationError: simulations that do not come to rest.
     """
-    from diagnosis.base_state import picture_of
-    from diagnosis.fabric_task import CaptureTask, base_states, explain_fabric
-    from diagnosis.planned import planned_tasks
-    from diagnosis.simulator import Simulator
+    from diagnosis.measurement.picture import picture_of
+    from diagnosis.simulation.simulator import Simulator
+    from diagnosis.tasks.fabric_task import CaptureTask, base_states, explain_fabric
+    from diagnosis.tasks.planned import planned_tasks
 
     results = []
     for task in planned_tasks(captures, effects, resolution_m):

@@ -28,7 +28,7 @@ class Gap(_Model):
 
 
 class RegionGap(_Model):
-    """One part of one scene's gap; :mod:`diagnosis.where` says how its numbers are computed.
+    """One part of one scene's gap; :mod:`diagnosis.gap.where` says how its numbers are computed.
 
     Attributes:
         scene: of the captures.

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet, new_document
-from diagnosis.base_state import picture_of
-from diagnosis.drape_cache import DrapeCache, drape_key
 from diagnosis.effect import Effect, Size
+from diagnosis.measurement.picture import picture_of
 from diagnosis.scene import SimulationScene, pose_rows
+from diagnosis.simulation.drape_cache import DrapeCache, drape_key
 from renderer.camera import Camera, frontal_pose
 from renderer.depth_png import write_depth_png
 from renderer.sensor import SensorModel

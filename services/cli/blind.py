@@ -44,7 +44,7 @@ def make(
     Example:
       drapemeter blind make 20 check/ --seed 7 --withhold hem_weight
     """
-    from diagnosis.blind_make import BlindPlan, case_maker, make_blind_check
+    from diagnosis.blind.make import BlindPlan, case_maker, make_blind_check
 
     plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, tuple(withhold), tuple(scenes.split(",")))
     plan.check()
@@ -89,10 +89,10 @@ def score(
     Example:
       drapemeter blind score check/ --page check.md
     """
-    from diagnosis.blind_make import case_maker, plan_of
-    from diagnosis.blind_page import render_page
-    from diagnosis.blind_score import EXAMPLES_FOLDER, answer_cases, classify, read_manifest
-    from diagnosis.blind_score import score as count
+    from diagnosis.blind.make import case_maker, plan_of
+    from diagnosis.blind.page import render_page
+    from diagnosis.blind.score import EXAMPLES_FOLDER, answer_cases, classify, read_manifest
+    from diagnosis.blind.score import score as count
     from diagnosis.effects import catalogue
     from renderer.atomic import write_atomically
     from services.cli.diagnose import default_cache

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
     from diagnosis.atlas import PartSolver
     from diagnosis.diagnose import Diagnosis, DiagnosisOptions
-    from diagnosis.drape_cache import DrapeCache
     from diagnosis.isolability import Isolability
+    from diagnosis.simulation.drape_cache import DrapeCache
 
 
 REPORT, PAGE, ISOLABILITY, SIMULATOR = "report.json", "report.html", "isolability.json", "simulator.json"
@@ -73,7 +73,7 @@ def diagnose(
     from capture.capture_set import CaptureSet
     from diagnosis.atlas import open_atlas
     from diagnosis.diagnose import DiagnosisOptions
-    from diagnosis.meshing import check_resolution
+    from diagnosis.tasks.meshing import check_resolution
 
     _check_out(out)
     if workers < 1:
@@ -127,7 +127,7 @@ def default_cache() -> DrapeCache:
     Raises:
         InputError: its folder cannot be used.
     """
-    from diagnosis.drape_cache import DrapeCache
+    from diagnosis.simulation.drape_cache import DrapeCache
 
     cache = DrapeCache.default()
     if cache.folder is not None:
@@ -140,7 +140,7 @@ def _diagnose(
 ) -> None:
     from diagnosis.diagnose import diagnose as run
     from diagnosis.extension import SimulatorExtension
-    from diagnosis.html import render_html, sentence
+    from diagnosis.pages.html import render_html, sentence
     from renderer.atomic import write_atomically
 
     with console.progress("simulating", total=_shown(captures)) as bar:

@@ -8,8 +8,8 @@ from tempfile import TemporaryDirectory
 
 from diagnosis.atlas import PartSolver
 from diagnosis.atlas_part import AtlasPart
-from diagnosis.drape_cache import DrapeCache
-from diagnosis.simulator import Cost
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.simulator import Cost
 from services.dataset.cluster import ray_cluster
 from services.dataset.spread import spread
 from simcore.errors import SimulationError

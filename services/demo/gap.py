@@ -13,7 +13,7 @@ from diagnosis.atlas import build_atlas, open_atlas
 from diagnosis.atlas_part import atlas_parts
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.effects import get_effect
-from diagnosis.html import render_html, sentence
+from diagnosis.pages.html import render_html, sentence
 from diagnosis.scene import SimulationScene
 from renderer.atomic import write_atomically
 from services.dataset.atlas import solver_on_ray

@@ -9,8 +9,8 @@ import pytest
 
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import parse_effect
+from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.synthesis import SynthesisPlan, draw_fabrics, make_capture_set
 from simcore.mechanics import Jitter
 

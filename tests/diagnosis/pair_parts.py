@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from diagnosis.evidence import Evidence
-from diagnosis.responses import Responses
+from diagnosis.inference.evidence import Evidence
+from diagnosis.simulation.responses import Responses
 
 
 def evidence(name: str, value: float, size: Mapping[str, float] = {}) -> Evidence:

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.baselines import baseline_answers, draw_noise, mmd_p, refitted_map
-from diagnosis.blind_page import render_page
-from diagnosis.blind_score import score
-from diagnosis.block import Block, View
-from diagnosis.evidence import Evidence
-from diagnosis.likelihood import LikelihoodModel
-from diagnosis.shrinkage import refit
+from diagnosis.blind.baselines import baseline_answers, draw_noise, mmd_p, refitted_map
+from diagnosis.blind.page import render_page
+from diagnosis.blind.score import score
+from diagnosis.inference.block import Block, View
+from diagnosis.inference.evidence import Evidence
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.shrinkage.held_out import refit
 from tests.diagnosis.test_blind import DRAFT, answer
 
 COUNT = 80

@@ -10,22 +10,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis import beside
-from diagnosis.base_state import picture_of
-from diagnosis.cause import Cause
-from diagnosis.drape_cache import DrapeCache
+from diagnosis.afresh import beside
+from diagnosis.afresh.fresh import FreshLook, Sized, with_effects
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence
-from diagnosis.fabric_task import BASE_JITTER
-from diagnosis.features import measure
-from diagnosis.fresh import FreshLook, Sized, with_effects
-from diagnosis.pairs import Pair
-from diagnosis.reference import make_reference
-from diagnosis.responses import Responses, find_responses, responses_with
+from diagnosis.inference.cause import Cause
+from diagnosis.inference.evidence import Evidence
+from diagnosis.inference.pairs import Pair
+from diagnosis.measurement.features import measure
+from diagnosis.measurement.picture import picture_of
+from diagnosis.measurement.reference import make_reference
 from diagnosis.scene import SimulationScene
-from diagnosis.simulator import Simulator
-from diagnosis.sizes import nodes
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.responses import Responses, find_responses, responses_with
+from diagnosis.simulation.simulator import Simulator
+from diagnosis.simulation.sizes import nodes
+from diagnosis.tasks.fabric_task import BASE_JITTER
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup

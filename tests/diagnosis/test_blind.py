@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from diagnosis.blind_make import (
+from diagnosis.blind.claims import Claims, alone
+from diagnosis.blind.make import (
     BLIND_FORMAT,
     LABELS_FOLDER,
     MANIFEST_FILE,
@@ -23,8 +24,8 @@ from diagnosis.blind_make import (
     is_sealed,
     make_blind_check,
 )
-from diagnosis.blind_page import render_page
-from diagnosis.blind_score import (
+from diagnosis.blind.page import render_page
+from diagnosis.blind.score import (
     REPORTS_FOLDER,
     Answer,
     answer_cases,
@@ -34,9 +35,8 @@ from diagnosis.blind_score import (
     same,
     score,
 )
-from diagnosis.claims import Claims, alone
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import catalogue
+from diagnosis.simulation.drape_cache import DrapeCache
 from simcore.errors import InputError
 
 PLAN = BlindPlan(1, 3, fabrics=1, repeats=1, pool=1, resolution_m=0.02, scenes=("stretch",))
@@ -182,7 +182,7 @@ def test_labels_that_another_process_is_opening_come_last(tmp_path: Path, monkey
         (tmp_path / name / "captures.json").write_text(json.dumps(stated))
         (tmp_path / REPORTS_FOLDER / f"{name}.json").write_text(json.dumps({"baselines": {}}))
     order: list[str] = []
-    monkeypatch.setattr("diagnosis.blind_score.verify", lambda folder, *_: order.append(folder.name))
+    monkeypatch.setattr("diagnosis.blind.score.verify", lambda folder, *_: order.append(folder.name))
     with ThreadPoolExecutor(1) as pool:
         with alone(tmp_path, "case-001", wait=False) as mine:
             assert mine

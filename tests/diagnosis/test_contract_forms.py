@@ -16,9 +16,9 @@ from capture.picture import read_depth
 from capture.prepare import prepare_all
 from diagnosis import synthesis
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache
-from diagnosis.fabric_task import FabricTask
-from diagnosis.preparation import TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA, prepare_tasks
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.tasks.fabric_task import FabricTask
+from diagnosis.tasks.preparation import TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA, prepare_tasks
 from renderer.camera import CANONICAL_CAMERA
 from renderer.depth_png import write_depth_png
 from renderer.sensor import SensorModel

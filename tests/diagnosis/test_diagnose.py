@@ -11,10 +11,10 @@ import jsonschema
 import pytest
 
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.extension import SimulatorExtension
-from diagnosis.html import render_html, sentence
+from diagnosis.pages.html import render_html, sentence
 from diagnosis.report import GapReport
+from diagnosis.simulation.drape_cache import DrapeCache
 from simcore.errors import InputError
 from tests.diagnosis.conftest import CANDIDATES, Diagnose, MakeSet
 

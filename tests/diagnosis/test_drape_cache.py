@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from diagnosis.drape_cache import content_key, drape_key
+from diagnosis.simulation.drape_cache import content_key, drape_key
 from simcore.errors import InputError
 from simcore.mechanics import CurvatureField, Mechanics, UniformCurvature
 from simcore.mesh import GridMesh

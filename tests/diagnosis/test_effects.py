@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis import effect_page, effects
+from diagnosis import effects
 from diagnosis.effect import SCALAR, Effect, Stage
 from diagnosis.effects import catalogue, get_effect, parse_effect
+from diagnosis.pages import effect_page
 from diagnosis.scene import SimulationScene
-from diagnosis.sizes import nodes
+from diagnosis.simulation.sizes import nodes
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
 
@@ -231,7 +232,7 @@ def test_the_page_is_what_the_command_writes(repository: Path, tmp_path: Path) -
     copy = tmp_path / "effects.md"
     copy.write_text(text, encoding="utf-8")
     effect_page.main([str(copy), "--text"])
-    assert copy.read_text(encoding="utf-8") == text, "write it again: python -m diagnosis.effect_page --text"
+    assert copy.read_text(encoding="utf-8") == text, "write it again: python -m diagnosis.pages.effect_page --text"
 
 
 def test_the_page_says_sizes_and_places_as_they_are_drawn_and_written(repository: Path) -> None:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.block import Block, PixelBlock, View
-from diagnosis.cause import name_cause
 from diagnosis.effect import SCALAR
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.evidence import tabulate
-from diagnosis.likelihood import LikelihoodModel
-from diagnosis.noise import NoiseModel, feature_covariance
-from diagnosis.sizes import FITTED_SHARE, node_weights, nodes
+from diagnosis.inference.block import Block, PixelBlock, View
+from diagnosis.inference.cause import name_cause
+from diagnosis.inference.evidence import tabulate
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.noise import NoiseModel, feature_covariance
+from diagnosis.simulation.sizes import FITTED_SHARE, node_weights, nodes
 
 COUNT = 60
 FABRICS = 4

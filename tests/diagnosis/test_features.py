@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.features import measure
-from diagnosis.pixel_statistics import PIXEL_NAMES
-from diagnosis.preparation import without_surroundings
-from diagnosis.reference import CELLS, Reference, make_reference
+from diagnosis.measurement.features import measure
+from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
+from diagnosis.measurement.reference import CELLS, Reference, make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.synthesis import SET_CAMERA
+from diagnosis.tasks.preparation import without_surroundings
 from renderer.depth import render_depth
 from renderer.sensor import SensorModel
 from simcore.drape import Drape, DrapeStatus

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis import responses
-from diagnosis.base_state import picture_of
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effect import SCALAR
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.fabric_task import BASE_JITTER
-from diagnosis.reference import make_reference
-from diagnosis.responses import find_responses
+from diagnosis.measurement.picture import picture_of
+from diagnosis.measurement.reference import make_reference
 from diagnosis.scene import SimulationScene
-from diagnosis.simulator import KeyedDrape, Simulator
-from diagnosis.sizes import nodes
+from diagnosis.simulation import responses
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.responses import find_responses
+from diagnosis.simulation.simulator import KeyedDrape, Simulator
+from diagnosis.simulation.sizes import nodes
+from diagnosis.tasks.fabric_task import BASE_JITTER
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup

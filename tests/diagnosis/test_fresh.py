@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis import fresh
-from diagnosis.block import Block, View
+from diagnosis.afresh import fresh
+from diagnosis.afresh.fresh import FreshLook, bend
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.fresh import FreshLook, bend
-from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
-from diagnosis.reference import CELLS
+from diagnosis.inference.block import Block, View
+from diagnosis.inference.likelihood import LikelihoodModel, view_log_likelihood
+from diagnosis.inference.smooth_modes import smooth_modes
+from diagnosis.inference.unknown import unknown_shape
+from diagnosis.measurement.reference import CELLS
 from diagnosis.scene import SimulationScene
-from diagnosis.sizes import node_weights, nodes
-from diagnosis.smooth_modes import smooth_modes
-from diagnosis.unknown import unknown_shape
+from diagnosis.simulation.sizes import node_weights, nodes
 from simcore.scenes import Setup
 
 

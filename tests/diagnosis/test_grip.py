@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from capture.capture_set import CaptureSet
+from diagnosis.afresh.fresh import Sized
+from diagnosis.afresh.grip import Grip, _left, judge_grip, with_other_grip
 from diagnosis.diagnose import DiagnosisOptions, diagnose
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.extension import SimulatorExtension
-from diagnosis.fresh import Sized
-from diagnosis.grip import Grip, _left, judge_grip, with_other_grip
-from diagnosis.preparation import prepare_tasks
 from diagnosis.scene import SimulationScene
-from diagnosis.simulator import Cost, KeyedDrape, Simulator
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.simulator import Cost, KeyedDrape, Simulator
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
+from diagnosis.tasks.preparation import prepare_tasks
 from simcore.drape import Drape
 from simcore.scenes import Scene, Setup
 
@@ -103,8 +103,8 @@ class Left:
         return *self.results[self.asked[-1]], Cost(simulations=3)
 
     def judge(self, monkeypatch: pytest.MonkeyPatch, *looks: Any) -> Grip | None:
-        monkeypatch.setattr("diagnosis.grip._known", self.known)
-        monkeypatch.setattr("diagnosis.grip._left", self.left)
+        monkeypatch.setattr("diagnosis.afresh.grip._known", self.known)
+        monkeypatch.setattr("diagnosis.afresh.grip._left", self.left)
         weights = {"panel_tilt": 9.0, "air_draft": 4.0, "camera_rotation": 20.0}
         cause: Any = SimpleNamespace(evidence={n: SimpleNamespace(log_evidence=w) for n, w in weights.items()})
         return judge_grip({f"f{number}": one for number, one in enumerate(looks)}, cause)

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.block import Block, PixelBlock, View, whiten
-from diagnosis.cause import Cause, name_cause
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.holds import HOLDS, held, holds_of, log_weights, tried_with_two
-from diagnosis.sizes import node_weights, nodes
+from diagnosis.inference.block import Block, PixelBlock, View, whiten
+from diagnosis.inference.cause import Cause, name_cause
+from diagnosis.inference.holds import HOLDS, held, holds_of, log_weights, tried_with_two
+from diagnosis.simulation.sizes import node_weights, nodes
 from tests.diagnosis import where_blocks
 
 COUNT, FABRICS = 60, 4

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.advice import KIND_CHECKS, REGION_CHECKS, STAGE_CHECKS, advice, strongest
-from diagnosis.cause import Cause, name_cause
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import catalogue
-from diagnosis.html import render_html, sentence
+from diagnosis.gap.where import where_gaps
+from diagnosis.inference.cause import Cause, name_cause
+from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.isolability import REMEDIES
-from diagnosis.likelihood import LikelihoodModel
+from diagnosis.pages.advice import KIND_CHECKS, REGION_CHECKS, STAGE_CHECKS, advice, strongest
+from diagnosis.pages.html import render_html, sentence
 from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap
-from diagnosis.where import where_gaps
 from tests.diagnosis.where_blocks import CURL, EFFECTS, make_blocks, make_pixels
 
 

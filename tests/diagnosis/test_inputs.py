@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from capture.capture_set import CaptureSet
-from diagnosis import refinement
+from diagnosis.afresh import refinement
 from diagnosis.atlas import ATLAS_FILE, forecast, open_atlas
 from diagnosis.diagnose import DiagnosisOptions
-from diagnosis.drape_cache import DrapeCache
-from diagnosis.fabric_task import CaptureTask, FabricTask
-from diagnosis.preparation import prepare_tasks
 from diagnosis.scene import SimulationScene
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
+from diagnosis.tasks.preparation import prepare_tasks
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import InputError
 from simcore.mesh import GridMesh

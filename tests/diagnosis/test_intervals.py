@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.intervals import all_inside, size_interval
+from diagnosis.inference.intervals import all_inside, size_interval
 
 
 def test_an_interval_holds_the_size_that_has_all_the_mass() -> None:

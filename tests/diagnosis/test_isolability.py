@@ -12,10 +12,10 @@ import pytest
 
 from capture.capture_set import CAPTURES_FILE, CaptureSet
 from diagnosis.atlas_part import atlas_parts
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.isolability import analyse, remedy
-from diagnosis.planned import planned_tasks
-from diagnosis.preparation import TYPICAL_DENSITY_KG_M2, prepare_tasks
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.tasks.planned import planned_tasks
+from diagnosis.tasks.preparation import TYPICAL_DENSITY_KG_M2, prepare_tasks
 from simcore.errors import InputError
 from tests.diagnosis.conftest import MakeSet
 

@@ -10,18 +10,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from diagnosis import refinement
-from diagnosis.base_state import nearest_state, picture_of, state_distance, warp_to_picture
-from diagnosis.cause import Cause
-from diagnosis.drape_cache import DrapeCache
+from diagnosis.afresh import refinement
+from diagnosis.afresh.fresh import FreshLook, at_state, freshen, with_effects
+from diagnosis.afresh.refinement import look_again
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence
-from diagnosis.fabric_task import BASE_JITTER, CaptureTask, FabricTask, explain_fabric
-from diagnosis.fresh import FreshLook, at_state, freshen, with_effects
-from diagnosis.level import levelled, panel_plane, without_plane
-from diagnosis.refinement import look_again
+from diagnosis.inference.cause import Cause
+from diagnosis.inference.evidence import Evidence
+from diagnosis.measurement.level import levelled, panel_plane, without_plane
+from diagnosis.measurement.picture import picture_of, state_distance
 from diagnosis.scene import SimulationScene
-from diagnosis.simulator import KeyedDrape, Simulator
+from diagnosis.simulation.base_state import nearest_state
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.guided import warp_to_picture
+from diagnosis.simulation.simulator import KeyedDrape, Simulator
+from diagnosis.tasks.fabric_task import BASE_JITTER, CaptureTask, FabricTask, explain_fabric
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.block import View
-from diagnosis.likelihood import LikelihoodModel, view_log_likelihood
+from diagnosis.inference.block import View
+from diagnosis.inference.likelihood import LikelihoodModel, view_log_likelihood
 
 COUNT, NODES, SIZES = 50, 4, 7
 MODEL = LikelihoodModel()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from diagnosis.meshing import cell_size, on_cells
+from diagnosis.tasks.meshing import cell_size, on_cells
 from simcore.errors import InputError
 from simcore.mesh import GridMesh
 from simcore.scenes import Setup

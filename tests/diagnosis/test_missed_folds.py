@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis import fabric_task, missed_folds
-from diagnosis.drape_cache import DrapeCache
-from diagnosis.fabric_task import CaptureTask, FabricTask, find_states
-from diagnosis.missed_folds import further_states, is_missed
 from diagnosis.scene import SimulationScene
-from diagnosis.simulator import KeyedDrape, Simulator
+from diagnosis.simulation import missed_folds
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.missed_folds import further_states, is_missed
+from diagnosis.simulation.simulator import KeyedDrape, Simulator
+from diagnosis.tasks import fabric_task
+from diagnosis.tasks.fabric_task import CaptureTask, FabricTask, find_states
 from renderer.sensor import SensorModel
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from diagnosis.once import once
+from diagnosis.afresh.once import once
 
 
 def test_the_same_results_are_weighed_once_and_changed_ones_again() -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from diagnosis.evidence import Evidence
-from diagnosis.likelihood import ALONE_NATS
-from diagnosis.one_fabric import LOST_ALONE_NATS, by_more_than_one
+from diagnosis.inference.evidence import Evidence
+from diagnosis.inference.likelihood import ALONE_NATS
+from diagnosis.inference.one_fabric import LOST_ALONE_NATS, by_more_than_one
 
 
 def found(name: str, gains: tuple[float, ...]) -> Evidence:

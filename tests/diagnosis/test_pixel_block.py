@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.block import PixelBlock, make_pixel_block
 from diagnosis.effects import get_effect
-from diagnosis.features import PLANE_NAMES
-from diagnosis.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown, some_off
-from diagnosis.noise import NoiseModel
-from diagnosis.pixel_statistics import PIXEL_NAMES
-from diagnosis.sizes import nodes
-from diagnosis.subtract import pixels_without
+from diagnosis.inference.block import PixelBlock, make_pixel_block
+from diagnosis.inference.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown, some_off
+from diagnosis.inference.noise import NoiseModel
+from diagnosis.inference.subtract import pixels_without
+from diagnosis.measurement.features import PLANE_NAMES
+from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
+from diagnosis.simulation.sizes import nodes
 
 PIXELS, PLANE = len(PIXEL_NAMES), len(PLANE_NAMES)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from diagnosis.refinement import look_again
+from diagnosis.afresh.refinement import look_again
 
 
 class Watcher:

@@ -9,13 +9,13 @@ from typing import cast
 import numpy as np
 import pytest
 
-from diagnosis.block import Block
-from diagnosis.cause import Cause
-from diagnosis.evidence import Evidence
-from diagnosis.pairs import Pair
-from diagnosis.refutation import NEEDED, WORSE, is_needless, is_refuted, is_unshown, judged
+from diagnosis.inference.block import Block
+from diagnosis.inference.cause import Cause
+from diagnosis.inference.evidence import Evidence
+from diagnosis.inference.pairs import Pair
 from diagnosis.report import Shrinkage
-from diagnosis.shrinkage import Held, Measured
+from diagnosis.shrinkage.held_out import Held, Measured
+from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_needless, is_refuted, is_unshown, judged
 
 
 def shrinkage(fraction: float, high: float, *, afresh: bool = True) -> Shrinkage:

@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis import refinement
-from diagnosis.block import Block, PixelBlock, View
-from diagnosis.cause import Cause, name_cause
-from diagnosis.changes import line_forms, rim_forms
+from diagnosis.afresh import refinement
+from diagnosis.afresh.fresh import FreshLook
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.evidence import Evidence
-from diagnosis.features import PLANE_NAMES
-from diagnosis.fresh import FreshLook
-from diagnosis.likelihood import LikelihoodModel
-from diagnosis.reference import CELLS, cell_centres
-from diagnosis.remainder import BY_CHANCE_NATS, Mixture
-from diagnosis.sizes import node_weights, nodes
-from diagnosis.smooth_modes import smooth_modes
-from diagnosis.something_beside import is_said_again
-from diagnosis.subtract import responses_at_place, without
+from diagnosis.inference.block import Block, PixelBlock, View
+from diagnosis.inference.cause import Cause, name_cause
+from diagnosis.inference.changes import line_forms, rim_forms
+from diagnosis.inference.evidence import Evidence
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.remainder import BY_CHANCE_NATS, Mixture
+from diagnosis.inference.smooth_modes import smooth_modes
+from diagnosis.inference.something_beside import is_said_again
+from diagnosis.inference.subtract import responses_at_place, without
+from diagnosis.measurement.features import PLANE_NAMES
+from diagnosis.measurement.reference import CELLS, cell_centres
+from diagnosis.simulation.sizes import node_weights, nodes
 
 EFFECTS = ("air_draft", "crease")
 COUNT = CELLS * CELLS

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.block import Block, PixelBlock, View
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.evidence import SCATTER_LEFT, tabulate, tabulate_nothing
-from diagnosis.likelihood import LikelihoodModel
-from diagnosis.reference import CELLS
-from diagnosis.sizes import node_values
-from diagnosis.smooth_modes import smooth_modes
+from diagnosis.inference.block import Block, PixelBlock, View
+from diagnosis.inference.evidence import SCATTER_LEFT, tabulate, tabulate_nothing
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.smooth_modes import smooth_modes
+from diagnosis.measurement.reference import CELLS
+from diagnosis.simulation.sizes import node_values
 
 COUNT, REPEATS, FABRICS = CELLS * CELLS, 2, 4
 EFFECT = get_effect("bending_hysteresis")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.shares import fraction_of, fraction_of_means, interval_of, share_with_floors
+from diagnosis.shrinkage.shares import fraction_of, fraction_of_means, interval_of, share_with_floors
 
 
 @pytest.mark.parametrize(

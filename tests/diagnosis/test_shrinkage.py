@@ -11,19 +11,20 @@ import pytest
 from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
-from diagnosis import shrinkage
-from diagnosis.block import PixelBlock
-from diagnosis.cause import Cause
 from diagnosis.diagnose import Diagnosis, make_blocks
-from diagnosis.evidence import Evidence
-from diagnosis.fabric_task import FabricResult
-from diagnosis.folds import Fold, folds_of
-from diagnosis.html import render_html
-from diagnosis.likelihood import LikelihoodModel
-from diagnosis.noise import NoiseModel
-from diagnosis.pairs import Pair
-from diagnosis.shrinkage import Judge, Measured, hold_out, on_shapes, repeat_squares
-from diagnosis.shrinkage_report import complete
+from diagnosis.gap.floor import repeat_squares
+from diagnosis.inference.block import PixelBlock
+from diagnosis.inference.cause import Cause
+from diagnosis.inference.evidence import Evidence
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.noise import NoiseModel
+from diagnosis.inference.pairs import Pair
+from diagnosis.pages.html import render_html
+from diagnosis.shrinkage import held_out as shrinkage
+from diagnosis.shrinkage.held_out import Judge, Measured, hold_out, on_shapes
+from diagnosis.shrinkage.in_report import complete
+from diagnosis.shrinkage.splits import Fold, folds_of
+from diagnosis.tasks.fabric_task import FabricResult
 from metric.render import DrapeRender
 from metric.weights import INSTEAD
 from simcore.errors import MissingResourceError
@@ -180,7 +181,7 @@ def test_pictures_come_nearer_with_the_effect_and_without_weights_the_note_says_
     assert shrinkage is not None and shrinkage.perceived is None
     measured = Measured(shrinkage, diagnosis.held)
     with monkeypatch.context() as patch:
-        patch.setattr("diagnosis.perception.get_backend", lambda _: Shades())
+        patch.setattr("diagnosis.shrinkage.perception.get_backend", lambda _: Shades())
         seen = complete(measured, diagnosis.looks, lpips=True).perceived
     assert seen is not None and seen.backend == "shades"
     assert seen.captures == sum(len(one.block.captures) for one in diagnosis.held)
@@ -202,7 +203,7 @@ def test_pictures_come_nearer_with_the_effect_and_without_weights_the_note_says_
     def missing(_: str) -> Shades:
         raise MissingResourceError(f"weights of LPIPS are missing, {INSTEAD}", code="weights_missing")
 
-    monkeypatch.setattr("diagnosis.perception.get_backend", missing)
+    monkeypatch.setattr("diagnosis.shrinkage.perception.get_backend", missing)
     without = complete(measured, diagnosis.looks, lpips=True)
     assert without.perceived is None
     assert without.note == "not measured in LPIPS: weights of LPIPS are missing"

@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis.effect import Stage
 from diagnosis.effects import catalogue, get_effect
-from diagnosis.sizes import (
+from diagnosis.simulation.sizes import (
     FITTED_SHARE,
     PIXEL_NODES,
     fading,

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.block import Block, PixelBlock, View
-from diagnosis.cause import Cause, name_cause
 from diagnosis.effect import SCALAR
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.effects.air_draft import as_tilt
 from diagnosis.effects.panel_tilt import as_draft
+from diagnosis.inference.block import Block, PixelBlock, View
+from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.scene import SimulationScene
-from diagnosis.sizes import node_values, nodes
+from diagnosis.simulation.sizes import node_values, nodes
 from simcore.scenes import Setup
 
 COUNT = 60

@@ -10,22 +10,22 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from diagnosis import fresh, refinement, together
-from diagnosis import pairs as pairs_module
-from diagnosis.block import Block, PixelBlock, View
-from diagnosis.cause import Cause, name_cause
+from diagnosis.afresh import fresh, refinement, together
+from diagnosis.afresh.fresh import FreshLook
 from diagnosis.diagnose import as_likely
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.evidence import tabulate, tabulate_nothing
-from diagnosis.fabric_task import CaptureResult
-from diagnosis.fresh import FreshLook
-from diagnosis.likelihood import Lengths, LikelihoodModel, view_log_likelihood
-from diagnosis.pairs import Pair
-from diagnosis.responses import Responses
+from diagnosis.inference import pairs as pairs_module
+from diagnosis.inference.block import Block, PixelBlock, View
+from diagnosis.inference.cause import Cause, name_cause
+from diagnosis.inference.evidence import tabulate, tabulate_nothing
+from diagnosis.inference.likelihood import Lengths, LikelihoodModel, view_log_likelihood
+from diagnosis.inference.pairs import Pair
+from diagnosis.inference.subtract import without
 from diagnosis.scene import SimulationScene
-from diagnosis.sizes import node_weights, nodes
-from diagnosis.subtract import without
+from diagnosis.simulation.responses import Responses
+from diagnosis.simulation.sizes import node_weights, nodes
+from diagnosis.tasks.fabric_task import CaptureResult
 from simcore.scenes import Setup
 from tests.diagnosis.pair_parts import Capture, evidence
 

@@ -9,14 +9,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from diagnosis import together
+from diagnosis.afresh import together
+from diagnosis.afresh.fresh import FreshLook
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.fabric_task import CaptureResult
-from diagnosis.fresh import FreshLook
-from diagnosis.pairs import Pair
-from diagnosis.responses import Responses
-from diagnosis.sizes import nodes
+from diagnosis.inference.pairs import Pair
+from diagnosis.simulation.responses import Responses
+from diagnosis.simulation.sizes import nodes
+from diagnosis.tasks.fabric_task import CaptureResult
 from tests.diagnosis.pair_parts import Capture, evidence
 
 

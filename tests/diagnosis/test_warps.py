@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.features import measure
-from diagnosis.reference import Reference
-from diagnosis.warps import WARP, warp_responses, warped
+from diagnosis.measurement.features import measure
+from diagnosis.measurement.reference import Reference
+from diagnosis.simulation.warps import WARP, warp_responses, warped
 from renderer.camera import CANONICAL_CAMERA
 
 SIDE, CELL = 256, 32

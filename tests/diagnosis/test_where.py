@@ -10,15 +10,15 @@ import jsonschema
 import numpy as np
 import pytest
 
-from diagnosis.cause import Cause, name_cause
-from diagnosis.kinds import kind_directions
-from diagnosis.likelihood import LikelihoodModel
-from diagnosis.reference import CELLS
-from diagnosis.regions import region_of_cells
+from diagnosis.gap.kinds import kind_directions
+from diagnosis.gap.regions import region_of_cells
+from diagnosis.gap.stages import find_leads, no_numbers
+from diagnosis.gap.where import where_gaps
+from diagnosis.inference.cause import Cause, name_cause
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.measurement.reference import CELLS
+from diagnosis.pages.where_figure import kind_map, region_map
 from diagnosis.report import RegionGap
-from diagnosis.stages import find_leads, no_numbers
-from diagnosis.where import where_gaps
-from diagnosis.where_figure import kind_map, region_map
 from tests.diagnosis.where_blocks import (
     BULGE,
     CENTRE,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from diagnosis.drape_cache import DrapeCache
-from diagnosis.simulator import Simulator, solver_of
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.simulator import Simulator, solver_of
 from diagnosis.workers import Workers
 from simcore.errors import SimulationError
 from simcore.mesh import GridMesh

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from diagnosis.block import Block, PixelBlock, View
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.features import PLANE_NAMES
-from diagnosis.pixel_statistics import PIXEL_NAMES
-from diagnosis.reference import CELLS, cell_centres
-from diagnosis.sizes import nodes
+from diagnosis.inference.block import Block, PixelBlock, View
+from diagnosis.measurement.features import PLANE_NAMES
+from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
+from diagnosis.measurement.reference import CELLS, cell_centres
+from diagnosis.simulation.sizes import nodes
 
 Array = NDArray[np.float64]
 NAMES = (*PIXEL_NAMES, *PLANE_NAMES)

@@ -12,7 +12,7 @@ import pytest
 from capture.capture_set import CaptureSet
 from diagnosis.atlas import build_atlas
 from diagnosis.atlas_part import atlas_parts
-from diagnosis.drape_cache import DrapeCache
+from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
 from tests.services.dataset_helpers import PROGRAM
 from tests.services.ports import free_port

@@ -10,8 +10,8 @@ import pytest
 
 from diagnosis.atlas import build_atlas
 from diagnosis.atlas_part import AtlasPart, atlas_parts
-from diagnosis.drape_cache import DrapeCache
 from diagnosis.effects import parse_effect
+from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.synthesis import SynthesisPlan, make_capture_set
 from services.cli import main
 from services.dataset import atlas as on_ray

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from diagnosis.blind_make import BLIND_FORMAT, MANIFEST_FILE, MANIFEST_KEYS
+from diagnosis.blind.make import BLIND_FORMAT, MANIFEST_FILE, MANIFEST_KEYS
 from services.cli import main
 from services.cli.outputs import check_file, check_folder
 from simcore.errors import InputError
@@ -21,8 +21,8 @@ WORK = (
     "diagnosis.diagnose.diagnose",
     "diagnosis.isolability.analyse",
     "diagnosis.atlas.build_atlas",
-    "diagnosis.blind_make.make_blind_check",
-    "diagnosis.blind_score.answer_cases",
+    "diagnosis.blind.make.make_blind_check",
+    "diagnosis.blind.score.answer_cases",
     "capture.prepare.prepare_all",
     "capture.sources.PngFolderSource.frames",
     "services.cli.train.run",

@@ -49,7 +49,7 @@ def run(task: Task, report: Report) -> TaskOutput:
     """
     from capture.capture_set import CaptureSet
     from diagnosis.diagnose import diagnose
-    from diagnosis.html import render_html
+    from diagnosis.pages.html import render_html
 
     inputs = DiagnosisInputs.model_validate(task.inputs)
     options = inputs.options()

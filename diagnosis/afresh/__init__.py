@@ -1,0 +1,1 @@
+"""Second looks: the likeliest explanations simulated again, at their fitted sizes, and held against the captures."""

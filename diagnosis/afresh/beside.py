@@ -1,0 +1,64 @@
+"""What a second effect on the cloth changes where the likeliest one is on already: measured from its fold states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
+
+from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
+from diagnosis.afresh.refinement import alike, leader
+from diagnosis.effects import get_effect
+from diagnosis.groups import group_of
+from diagnosis.inference.cause import Cause
+from diagnosis.simulation.responses import responses_with
+from diagnosis.tasks.fabric_task import CaptureResult
+from diagnosis.workers import ALONE, Workers
+
+
+def look_beside(
+    looks: Mapping[str, FreshLook], cause: Cause, scene: str, workers: Workers = ALONE
+) -> dict[str, FreshLook]:
+    """Responses of every second effect from the states that the leading one gives at its fitted size.
+
+    From the state without it, where folds stand elsewhere, a second effect may seem to do the opposite.
+
+    Args:
+        looks: by fabric.
+        cause: how likely explanations are.
+        scene: whose captures are looked at.
+        workers: that simulate fabrics side by side.
+
+    Returns:
+        The same fabrics; as they were where no effect on the cloth leads, or one on camera or sensor is named with it.
+    """
+    first = leader(cause)
+    others = [name for name in cause.named if not is_mechanical(get_effect(name))]
+    if first is None or not is_mechanical(get_effect(first)) or others:
+        return dict(looks)
+    work = partial(_looked_at, first=(first, cause.evidence[first].size), scene=scene)
+    return dict(zip(looks, workers.map(work, list(looks.values())), strict=True))
+
+
+def _looked_at(look: FreshLook, first: Sized, scene: str) -> FreshLook:
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
+
+    name, size = first
+    known = [old for old in look.sizes.get(name, []) if alike(size, old, get_effect(name))]
+    on = (name, known[-1] if known else size)
+    with threadpool_limits(1):
+        captures = [_measured(look, c, on) if c.scene == scene else c for c in look.result.captures]
+    return replace(look, result=replace(look.result, captures=tuple(captures)))
+
+
+def _measured(look: FreshLook, capture: CaptureResult, on: Sized) -> CaptureResult:
+    """With the responses of all others beside an effect of some size; as it was where that does not come to rest."""
+    first, state = on[0], look.drape(capture, [on])
+    if not state.drape.ok:
+        return capture
+    able = [name for name in capture.responses.effects if is_mechanical(get_effect(name))]
+    seconds = [name for name in able if name not in group_of(first)]
+    found = responses_with(look.simulator, look.result.task.parameters, look.seen(capture, [on]), state, seconds)
+    look.beside[capture.id] = {(second, first): rows for second, rows in found.items()}
+    beside = {**capture.responses.beside, **look.beside[capture.id]}
+    return replace(capture, responses=replace(capture.responses, beside=beside))

@@ -1,0 +1,139 @@
+"""Second look: the likeliest effects are simulated at their fitted sizes, and everything is weighed again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from diagnosis.afresh.fresh import FreshLook, Sized, freshen, is_mechanical, moves_camera
+from diagnosis.effect import Effect
+from diagnosis.effects import get_effect
+from diagnosis.inference.cause import Cause
+from diagnosis.tasks.fabric_task import FabricResult
+from diagnosis.workers import ALONE, Workers
+
+ROUNDS = 2
+CANDIDATES, LATER_CANDIDATES = 3, 2
+"""Effects on the cloth: in the first round, and later or beside those that come near the leader."""
+NEAR_NATS, TRIAL_NATS = 5.0, 8.0
+"""An effect whose log evidence is further behind is not looked at again; on trial, where nothing leads."""
+LOOKS = 2 * ROUNDS * (CANDIDATES + LATER_CANDIDATES) + CANDIDATES
+"""Simulations of effects for a capture, at most: in rounds, on trial, in rounds again where a trial names something."""
+MOVED = 0.1
+"""A size that moves by a larger share is simulated again."""
+Weigh = Callable[[Sequence[FabricResult], Sized | None], Cause]
+"""Probabilities from results, what one effect of some size does taken away beforehand."""
+
+
+def look_again(
+    looks: Mapping[str, FreshLook], weigh: Weigh, scene: str, workers: Workers = ALONE
+) -> dict[str, FreshLook]:
+    """Fresh simulations of what may be named.
+
+    Where nothing leads then, effects from further behind are simulated on trial: coarse responses hide weak ones. What
+    that shows counts only where one of them is named. In the folds of another simulator, which none of these
+    simulations find, a wrong effect is often the nearest and yet not near.
+
+    Args:
+        looks: by fabric.
+        weigh: see :data:`Weigh`.
+        scene: whose captures are looked at again.
+        workers: that simulate fabrics side by side.
+
+    Returns:
+        The same fabrics with responses that pass through the fresh simulations.
+    """
+    search = _Search(weigh, scene, workers)
+    now = search.rounds(looks)
+    cause = weigh([look.result for look in now.values()], None)
+    further = search.unseen(candidates(cause, TRIAL_NATS)) if leader(cause) is None else []
+    if not further:
+        return now
+    trial = search.simulated({key: look.copy() for key, look in now.items()}, further)
+    found = weigh([look.result for look in trial.values()], None)
+    return search.rounds(trial) if {name for name, _ in further} & set(found.named) else now
+
+
+@dataclass
+class _Search:
+    """What was simulated so far, at which sizes."""
+
+    weigh: Weigh
+    scene: str
+    workers: Workers
+    seen: dict[str, list[Mapping[str, float]]] = field(default_factory=dict)
+
+    def rounds(self, looks: Mapping[str, FreshLook]) -> dict[str, FreshLook]:
+        """What is near the best, and near what is best beside the leader; again where sizes moved."""
+        now = dict(looks)
+        for number in range(ROUNDS):
+            results = [look.result for look in now.values()]
+            cause = self.weigh(results, None)
+            near = candidates(cause)[: LATER_CANDIDATES if number else None]
+            first = leader(cause)
+            if first is not None:  # a weaker one beside it is far behind it, and yet may be there
+                beside = candidates(self.weigh(results, (first, cause.evidence[first].size)))
+                cloth = any(get_effect(name).moves_cloth for name, _ in near)
+                most = LATER_CANDIDATES if number or cloth else CANDIDATES
+                near += [(n, s) for n, s in beside if n not in {name for name, _ in near}][:most]
+            wanted = self.unseen(near)
+            if not wanted:
+                break
+            through = () if first is None or not moves_camera(first) else ((first, cause.evidence[first].size),)
+            now = self.simulated(now, wanted, through)
+        return now
+
+    def unseen(self, near: Sequence[Sized]) -> list[Sized]:
+        """Those that were not simulated at about such sizes yet."""
+        return [(n, s) for n, s in near if not any(alike(s, other, get_effect(n)) for other in self.seen.get(n, []))]
+
+    def simulated(
+        self, looks: Mapping[str, FreshLook], wanted: Sequence[Sized], through: tuple[Sized, ...] = ()
+    ) -> dict[str, FreshLook]:
+        """With responses that pass through fresh simulations of these effects too, seen through a camera."""
+        for name, size in wanted:
+            self.seen.setdefault(name, []).append(size)
+        work = partial(_looked_again, wanted=wanted, scene=self.scene, through=through)
+        return dict(zip(looks, self.workers.map(work, list(looks.values())), strict=True))
+
+
+def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str, through: tuple[Sized, ...]) -> FreshLook:
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
+
+    with threadpool_limits(1):
+        look = replace(look, through=through)
+        return replace(look, result=freshen(look, wanted, scene))
+
+
+def leader(cause: Cause) -> str | None:
+    """The likeliest effect, even where something unknown is likelier: simulated at its size it may fit better."""
+    name = max(cause.evidence, key=lambda n: cause.probabilities[n] if n != "unknown" else -1.0)
+    return None if name == "none" else name
+
+
+def candidates(cause: Cause, nats: float = NEAR_NATS) -> list[Sized]:
+    """Effects on cloth or camera that may be the answer, at their best usual sizes; few of those that must be solved.
+
+    A response of other folds is fitted best where it vanishes: at a size below the effect's range nothing is learnt.
+    What speaks for something unknown speaks against none of them yet: as far as they are known, responses are coarse.
+    """
+    best = max(e.log_evidence for name, e in cause.evidence.items() if name != "unknown")
+    near = sorted(
+        (e for e in cause.evidence.values() if e.usual and e.usual_evidence > best - nats),
+        key=lambda e: -e.usual_evidence,
+    )
+    solved: list[Sized] = [(e.name, e.usual) for e in near if is_mechanical(get_effect(e.name))]
+    rendered: list[Sized] = [(e.name, e.usual) for e in near if moves_camera(e.name)]
+    return solved[:CANDIDATES] + rendered
+
+
+def alike(a: Mapping[str, float], b: Mapping[str, float], effect: Effect) -> bool:
+    """Whether two sizes of an effect, at one place, are so near each other that one simulation serves."""
+    if any(a[key] != b[key] for key in effect.places[0]):
+        return False
+    own = list(effect.components)
+    difference = np.array([a[key] - b[key] for key in own])
+    return float(np.linalg.norm(difference)) < MOVED * float(np.linalg.norm([b[key] for key in own]))

@@ -1,0 +1,1 @@
+"""From measurements and responses to probabilities: errors, likelihoods, two effects, something unknown."""

@@ -1,0 +1,270 @@
+"""Probabilities over the catalogue, ``none`` and ``unknown``; one effect or two."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from diagnosis.effect import Stage
+from diagnosis.effects import get_effect
+from diagnosis.groups import NOT_EFFECTS
+from diagnosis.inference.block import Block, PixelBlock
+from diagnosis.inference.evidence import Evidence, Table, tabulate, tabulate_nothing
+from diagnosis.inference.holds import held, holds_of, log_weights, over_holds, tried_with_two
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.one_fabric import by_more_than_one
+from diagnosis.inference.pairs import AsHeld, Pair, beyond_the_first, weigh_pairs
+from diagnosis.inference.something_beside import something_beside
+from diagnosis.inference.unknown import tabulate_unknown
+
+Array = NDArray[np.float64]
+SECOND_NATS = 2.0
+"""A second effect that explains no more than this adds nothing."""
+REFUTED = 0.1
+"""Share of its probability that an effect keeps which brings the simulation no nearer to captures held out from it."""
+REMAINDER_SHARE = 0.5
+"""Of ``unknown``: something that shows in what is common to all fabrics, alone or beside an effect."""
+SHOWN_NATS = 0.5
+"""An effect that changes the log likelihood by less at any size is not seen by these captures."""
+REFERENCE_ROUNDS = 4
+"""So often another explanation may turn out to be the best one when all are held against it."""
+
+
+@dataclass(frozen=True)
+class CausePrior:
+    """Probabilities before anything is seen; the rest is shared by the effects.
+
+    Attributes:
+        none, unknown, two: of no effect, of something else, of two effects.
+        scatter: how much less probable than another an effect is that can explain any scatter.
+        unseen: the same of effects that these captures cannot show: those on pixels where the sensor is not stated, and
+            those that change nothing that was measured.
+    """
+
+    none: float = 0.265
+    unknown: float = 0.18
+    two: float = 0.13
+    scatter: float = 0.15
+    unseen: float = 0.1
+
+    def shares(
+        self, effects: Sequence[str], *, pixels_seen: bool = True, unshown: Collection[str] = ()
+    ) -> dict[str, float]:
+        """Of each single explanation."""
+        weight = {name: self.scatter if get_effect(name).random_repeats else 1.0 for name in effects}
+        hidden = {n for n in effects if n in unshown or (is_on_pixels(n) and not pixels_seen)}
+        weight = {n: w * self.unseen if n in hidden else w for n, w in weight.items()}
+        rest = (1.0 - self.none - self.unknown - self.two) / sum(weight.values())
+        return {"none": self.none, "unknown": self.unknown} | {name: rest * w for name, w in weight.items()}
+
+
+def is_on_pixels(name: str) -> bool:
+    """The effect changes pixels rather than the measured surface."""
+    return get_effect(name).stage is Stage.SENSOR and name not in ("depth_scale", "depth_bias")
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What the captures say about the cause.
+
+    Attributes:
+        probabilities: explanation to probability; they sum to one. A pair's probability is shared by its two.
+        evidence: explanation to its evidence.
+        factor: log of the odds of the captures under anything but ``none`` against ``none``.
+        pair: the best pair, where one was tried.
+        tried: all pairs that were, those included that explain no more than one effect.
+        pair_probability: of all pairs.
+        alone: what of the probabilities is not a pair's.
+    """
+
+    probabilities: Mapping[str, float]
+    evidence: Mapping[str, Evidence]
+    factor: float
+    pair: Pair | None = None
+    pair_probability: float = 0.0
+    alone: Mapping[str, float] = field(default_factory=dict)
+    tried: tuple[Pair, ...] = ()
+
+    @property
+    def top(self) -> str:
+        """The most probable explanation."""
+        return max(self.probabilities, key=lambda name: self.probabilities[name])
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The effects that explain the captures: none, one or two; the most probable first."""
+        if self.top in NOT_EFFECTS:
+            return ()
+        if self.pair is not None and self.pair_probability > 0.5 and self.top in (self.pair.first, self.pair.second):
+            return (self.top, self.pair.second if self.top == self.pair.first else self.pair.first)
+        return (self.top,)
+
+    def refuted(self) -> Cause:
+        """With little probability left for what is named.
+
+        ``none`` and ``unknown`` share the rest as they stand; what two effects together lose, all explanations by one.
+        """
+        if len(self.named) == 2:
+            left = REFUTED * self.pair_probability
+            single = {name: p + 1e-300 for name, p in self.alone.items()}
+            total = sum(single.values())
+            alone = {name: (1.0 - left) * p / total for name, p in single.items()}
+            changed = {n: alone[n] + REFUTED * (p - self.alone[n]) for n, p in self.probabilities.items()}
+            return replace(self, probabilities=changed, pair_probability=left, alone=alone)
+        lost = {name: (1.0 - REFUTED) * self.probabilities[name] for name in self.named}
+        calm = {name: self.probabilities[name] + 1e-300 for name in NOT_EFFECTS}
+        given = {name: sum(lost.values()) * value / sum(calm.values()) for name, value in calm.items()}
+        changed = {n: p - lost.get(n, 0.0) + given.get(n, 0.0) for n, p in self.probabilities.items()}
+        return replace(self, probabilities=changed, pair_probability=0.0, alone=changed)
+
+    def size(self, name: str) -> Mapping[str, float]:
+        """Fitted size of a named effect."""
+        if self.pair is not None and len(self.named) == 2 and name in self.pair.sizes:
+            return self.pair.sizes[name]
+        return self.evidence[name].size
+
+    def sized_as(self, names: Sequence[str]) -> list[tuple[str, Mapping[str, float]]]:
+        """One or two effects, named or not, with the sizes that fit best."""
+        pair = next((p for p in self.tried if len(names) == 2 and {p.first, p.second} == set(names)), None)
+        return [(name, self.evidence[name].size if pair is None else pair.sizes[name]) for name in names]
+
+
+def name_cause(
+    effects: Sequence[str],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel = LikelihoodModel(),
+    prior: CausePrior = CausePrior(),
+    *,
+    pairs: bool = True,
+) -> Cause:
+    """Weigh all explanations against one another.
+
+    Args:
+        effects: names to try.
+        blocks, pixels: what was measured.
+        model, prior: of likelihood and explanations.
+        pairs: try two effects together (where the second explains nothing more, there is one), and look for what is
+            common to all fabrics beside the best effects.
+    """
+    holds = holds_of(blocks)
+    weights = log_weights(holds)
+    as_held = [[held(block, share) for block in blocks] for share in holds]
+    by_hold = [_tables(effects, blocks, pixels, model)]
+    by_hold += [_otherwise(by_hold[0], blocks, own, pixels, model) for own in as_held[1:]]
+    tables = [over_holds(same, weights) for same in zip(*by_hold, strict=True)]
+    shares = prior.shares(effects, pixels_seen=pixels.sensor_known, unshown=_unshown(by_hold[0]))
+    peaks = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
+    reference = _reference(tables, blocks, peaks, model, shares)
+    alone = {table.name: table.weigh(blocks, reference, model) for table in tables}
+    evidence = {name: by_more_than_one(e, alone["none"]) for name, e in alone.items()}
+    tried: list[Pair] = []
+    if pairs and len(effects) > 1:
+        chances = [
+            [t.weigh(blocks, reference, model).log_evidence + np.log(shares[t.name]) for t in own] for own in by_hold
+        ]
+        ways = [AsHeld(as_held[n], by_hold[n], float(weights[n])) for n in tried_with_two(chances, weights)]
+        tried = weigh_pairs(effects, blocks, pixels, model, ways, peaks, evidence)
+    found = [p for p in tried if p.evidence.log_evidence > evidence[p.first].log_evidence + SECOND_NATS]
+    if pairs and len({block.fabric for block in blocks}) > 1:
+        besides = something_beside(effects, blocks, pixels, model, evidence, shares, found)
+        known = evidence["unknown"].log_evidence + np.log1p(-REMAINDER_SHARE)
+        total = float(np.logaddexp(known, besides + np.log(REMAINDER_SHARE)))
+        evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
+    two = [beyond_the_first(pair, evidence) for pair in tried]
+    found = [pair for pair in two if pair.evidence.log_evidence > evidence[pair.first].log_evidence + SECOND_NATS]
+    return replace(_weigh(shares, evidence, found, prior), tried=tuple(tried))
+
+
+def _tables(effects: Sequence[str], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> list[Table]:
+    """Of nothing, of something unknown and of every effect."""
+    nothing = tabulate_nothing(blocks, pixels, model)
+    still = [float(value.max()) for value in nothing.blocks]
+    found = [tabulate(get_effect(name), blocks, pixels, model, still) for name in effects]
+    return [nothing, tabulate_unknown(blocks, pixels, model), *found]
+
+
+def _unshown(tables: Sequence[Table]) -> frozenset[str]:
+    """Effects that at no size make any difference to what was measured; of a vector only the best size is known.
+
+    Args:
+        tables: as :func:`_tables` gives them.
+    """
+    nothing, still = tables[0], [float(value.max()) for value in tables[0].blocks]
+
+    def shown(table: Table) -> float:
+        cells = sum(np.abs(value - none) for value, none in zip(table.blocks, still, strict=True))
+        return float((cells + np.abs(table.pixels - float(nothing.pixels.max()))).max())
+
+    return frozenset(table.name for table in tables[2:] if not table.sigma and shown(table) < SHOWN_NATS)
+
+
+def _otherwise(
+    stated: Sequence[Table],
+    blocks: Sequence[Block],
+    changed: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+) -> list[Table]:
+    """The same where some blocks are changed; the others are weighed again only where a fit goes over all of them."""
+    own = [n for n, (block, other) in enumerate(zip(blocks, changed, strict=True)) if other is not block]
+    names = [table.name for table in stated if table.name not in NOT_EFFECTS and not get_effect(table.name).vector]
+    weighed = {table.name: table for table in _tables(names, [changed[n] for n in own], pixels, model)}
+    found = []
+    for table in stated:
+        new = weighed.get(table.name)
+        if new is None:
+            found.append(tabulate(get_effect(table.name), changed, pixels, model))
+            continue
+        values = list(table.blocks)
+        for n, value in zip(own, new.blocks, strict=True):
+            values[n] = value
+        found.append(replace(new, blocks=tuple(values)))
+    return found
+
+
+def _reference(
+    tables: Sequence[Table],
+    blocks: Sequence[Block],
+    best: list[float],
+    model: LikelihoodModel,
+    shares: Mapping[str, float],
+) -> list[float]:
+    """Log likelihood of each block under the best single explanation, against which all others gain or lose.
+
+    What is best in one block alone would be a reference that nothing reaches: beside it all the others look alike.
+    """
+    top = None
+    for _ in range(REFERENCE_ROUNDS):
+        found = {
+            table.name: table.weigh(blocks, best, model).log_evidence + np.log(shares[table.name]) for table in tables
+        }
+        leader = max(tables, key=lambda table: found[table.name])
+        if leader is top:
+            break
+        top = leader
+        best = leader.values(blocks, best, model)
+    return best
+
+
+def _weigh(
+    before: Mapping[str, float], evidence: Mapping[str, Evidence], pairs: list[Pair], prior: CausePrior
+) -> Cause:
+    rest = sum(share for name, share in before.items() if name not in NOT_EFFECTS)
+    weight = {name: e.log_evidence + np.log(before[name]) for name, e in evidence.items()}
+    chance = [2 * prior.two * before[p.first] * before[p.second] / rest**2 for p in pairs]
+    two = [p.evidence.log_evidence + np.log(share) for p, share in zip(pairs, chance, strict=True)]
+    total = float(logsumexp([*weight.values(), *two]))
+    alone = {name: float(np.exp(w - total)) for name, w in weight.items()}
+    probabilities = dict(alone)
+    for pair, w in zip(pairs, two, strict=True):
+        probabilities[pair.first] += 0.501 * float(np.exp(w - total))
+        probabilities[pair.second] += 0.499 * float(np.exp(w - total))
+    others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
+    factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
+    best = pairs[int(np.argmax(two))] if pairs else None
+    return Cause(probabilities, evidence, float(factor), best, float(np.exp(np.array(two) - total).sum()), alone)

@@ -1,0 +1,369 @@
+"""How well each effect explains the captures, its size marginalised."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+from scipy.stats import f as f_distribution
+
+from diagnosis.effect import SCALAR, Effect
+from diagnosis.effects import get_effect
+from diagnosis.inference.block import Block, PixelBlock, View, whiten
+from diagnosis.inference.intervals import all_inside, size_interval
+from diagnosis.inference.likelihood import (
+    Lengths,
+    LikelihoodModel,
+    combine,
+    over_views,
+    pixel_log_likelihood,
+    view_log_likelihood,
+)
+from diagnosis.inference.smooth_modes import smooth_modes
+from diagnosis.simulation.sizes import (
+    fading,
+    grid,
+    interpolation,
+    log_prior,
+    node_values,
+    node_weights,
+    response_forms,
+    vector_step,
+)
+
+Array = NDArray[np.float64]
+FURTHER_DRAWS = 0.7
+"""Root mean square of what further random draws give that the simulated ones do not span, of the latter's."""
+SCATTER_LEFT = 0.5
+"""Of the scatter that an effect gives, what is left between captures and the states that they themselves lead to."""
+SIZE_SHARES = {"cloth": 0.2, "camera": 0.15, "scatter": 0.4, "sensor": 0.0}
+"""Relative error of a fitted size that all captures share: wrong in form, a simulated response is fitted too short or
+too long everywhere; what moved magnets explain of scatter is missing from it."""
+FADED = 0.5
+"""A size whose prior has faded by more than this is outside its effect's range."""
+SCATTER_FREEDOM = 4.0
+"""Degrees of freedom of a smooth random shape."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One explanation weighed.
+
+    Attributes:
+        name: effect, ``none`` or ``unknown``.
+        log_evidence: of all captures together, size marginalised.
+        best: log likelihood at the best size.
+        by_fabric: the same fabric by fabric.
+        size: most probable size, by component; empty for ``none`` and ``unknown``.
+        usual: the most probable of the sizes inside the effect's range.
+        usual_evidence: log evidence of those alone.
+        interval_90: of the components that have a prior; all of a vector's lie inside theirs with 90 %.
+    """
+
+    name: str
+    log_evidence: float
+    best: float
+    by_fabric: dict[str, float]
+    size: dict[str, float]
+    usual: dict[str, float]
+    usual_evidence: float
+    interval_90: dict[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Log likelihoods of one explanation at all its sizes (places and sizes in one row, ``s`` long).
+
+    Attributes:
+        name: effect, ``none`` or ``unknown``.
+        blocks: of each block, [s].
+        pixels: of the pixel statistics, [s].
+        prior: log weights that sum to one (or, for a vector, its Laplace factor), [s].
+        sizes: by component, one entry an ``s``.
+        sigma: of a vector's components.
+        share: relative error of the size that all captures share.
+        hold: log probabilities of what else is averaged over, [s].
+    """
+
+    name: str
+    blocks: tuple[Array, ...]
+    pixels: Array
+    prior: Array
+    sizes: tuple[dict[str, float], ...]
+    sigma: dict[str, float] = field(default_factory=dict)
+    share: float = 0.0
+    hold: Array | float = 0.0
+
+    def values(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> list[float]:
+        """Log likelihood of each block at the most probable size."""
+        total, _ = combine(blocks, self.blocks, best, model)
+        top = int(np.argmax(total + self.pixels + self.prior + self.hold))
+        return [float(values[top]) for values in self.blocks]
+
+    def weigh(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> Evidence:
+        """Combine blocks, marginalise the size."""
+        total, fabrics = combine(blocks, self.blocks, best, model)
+        likelihood = total + self.pixels
+        posterior = likelihood + self.prior + self.hold
+        evidence = float(logsumexp(posterior))
+        top = int(np.argmax(posterior))
+        size = self.sizes[top]
+        # a vector's factors say how sharp its fits are, not how usual its sizes
+        usable = np.ones(len(posterior), dtype=bool) if self.sigma else self.prior > self.prior.max() - FADED
+        inside = np.where(usable, posterior, -np.inf)
+        usual, usual_evidence = self.sizes[int(np.argmax(inside))], float(logsumexp(inside))
+        if self.sigma:
+            shared = self.share * float(np.linalg.norm([size[n] for n in self.sigma]))
+            wide = all_inside(len(self.sigma))
+            half = {n: wide * float(np.hypot(d, shared)) for n, d in self.sigma.items()}
+            interval = {n: (size[n] - h, size[n] + h) for n, h in half.items()}
+        elif SCALAR in size:
+            values = np.array([s[SCALAR] for s in self.sizes])
+            interval = {SCALAR: size_interval(values, np.exp(posterior - evidence), size[SCALAR], self.share)}
+        else:
+            interval = {}
+        by_fabric = {key: float(value[top]) for key, value in fabrics.items()}
+        reached = float(likelihood[top])
+        return Evidence(self.name, evidence, reached, by_fabric, size, usual, usual_evidence, interval)
+
+
+def tabulate(
+    effect: Effect,
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    seen: Sequence[float] | None = None,
+    *,
+    as_simulated: bool = False,
+) -> Table:
+    """Log likelihoods of one effect, its size common to all fabrics.
+
+    Args:
+        effect: see there.
+        blocks, pixels: what was measured.
+        model: of the likelihood.
+        seen: log likelihood of each block in the folds that were found without the effect; by default as it is.
+        as_simulated: responses have no other form (:func:`diagnosis.simulation.sizes.response_forms`).
+    """
+    kind = "scatter" if effect.random_repeats else "cloth" if effect.moves_cloth else effect.stage.value
+    table = replace(_tabulate_one(effect, blocks, pixels, model, as_simulated), share=SIZE_SHARES[kind])
+    if not effect.moves_cloth:
+        return table
+    if seen is None:
+        seen = [float(still.max()) for still in tabulate_nothing(blocks, pixels, model).blocks]
+    own = zip(blocks, table.blocks, seen, strict=True)
+    return replace(table, blocks=tuple(or_unmoved(b.scene, value, still, model) for b, value, still in own))
+
+
+def _tabulate_one(
+    effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, as_simulated: bool
+) -> Table:
+    if effect.vector:
+        return _tabulate_vector(effect, blocks, pixels, model)
+    if effect.random_repeats:
+        return _tabulate_scatter(effect, blocks, pixels, model)
+    return _tabulate_scalar(effect, blocks, pixels, model, as_simulated or not effect.moves_cloth)
+
+
+def or_unmoved(scene: str, value: Array, still: Array | float, model: LikelihoodModel) -> Array:
+    """Of a block whose folds may be those seen without the effect although the continued simulation left them."""
+    moved = model.moved(scene)
+    return value if moved == 0.0 else np.asarray(np.logaddexp(np.log1p(-moved) + value, np.log(moved) + still))
+
+
+def tabulate_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """Of no effect."""
+    values = tuple(
+        over_views(np.stack([_at_rest(view, block.scene, model) for view in block.views]), model) for block in blocks
+    )
+    calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
+    return Table("none", values, calm, np.zeros(1), ({},))
+
+
+def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:
+    return view_log_likelihood(view, np.zeros((0, len(view.measured))), np.zeros((1, 0)), scene, model)
+
+
+def _tabulate_scalar(
+    effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, as_simulated: bool
+) -> Table:
+    """On a grid of sizes and over the effect's places; each block's response is of one of several forms."""
+    sizes = grid(effect)
+    weights = [interpolation(effect, sizes)] if as_simulated else response_forms(effect, sizes)
+    places = len(effect.places)
+    own = [np.asarray(np.kron(np.eye(places), form)) for form in weights]
+    values = []
+    for block in blocks:
+        found: list[Array] = []
+        known = [(effect.name, own), *_twin_forms(effect, sizes, block, as_simulated)]
+        for name, forms in known:
+            every = np.concatenate(forms)
+            rows = [view_log_likelihood(v, v.responses[name], every, block.scene, model) for v in block.views]
+            found += list(over_views(np.stack(rows), model).reshape(len(forms), -1))
+        values.append(np.asarray(np.logaddexp.reduce(found, axis=0) - np.log(len(found))))
+    seen = own[0] @ pixels.responses[effect.name]
+    return Table(
+        effect.name,
+        tuple(values),
+        pixel_log_likelihood(pixels, seen, model, pixels.vagueness(effect.name)),
+        np.tile(log_prior(effect, sizes), places) - np.log(places),
+        tuple({SCALAR: float(size)} | dict(place) for place in effect.places for size in sizes),
+    )
+
+
+def _twin_forms(effect: Effect, sizes: Array, block: Block, as_simulated: bool) -> list[tuple[str, list[Array]]]:
+    """Forms of the response to an effect's twin at the sizes that do the same to this fabric: which of the two was
+    simulated in the folds that are seen is chance, how their sizes go with the density is not.
+    """
+    twin = effect.twin
+    if twin is None or twin.name not in block.stated.responses or not np.isfinite(block.density):
+        return []
+    other, alike = get_effect(twin.name), twin.size(sizes, block.density)
+    forms = [interpolation(other, alike)] if as_simulated else response_forms(other, alike)
+    return [(twin.name, forms)]
+
+
+def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """An effect that is another in every repeat widens the blocks' covariance.
+
+    The responses simulated for some random draws give the spread and its size; what other draws would give is a smooth
+    change of the same size, another one in every capture. So many directions explain any small errors, and the others
+    are then smaller still: errors that are no larger than modelled gain nothing by it.
+    """
+    sizes = grid(effect)
+    modelled = replace(model, least_scale=1.0)
+    step = SCATTER_LEFT * np.abs(sizes) / node_values(effect)[0]
+    in_stretch = any(block.scene == "stretch" for block in blocks)
+    values = []
+    for block in blocks:
+        if in_stretch and block.scene == "hanging":  # which folds fell there looks like scatter and is none
+            still = [_at_rest(view, block.scene, model) for view in block.views]
+            values.append(np.repeat(over_views(np.stack(still), model), len(sizes)))
+            continue
+        forms = _forms_of_each_capture(block)
+        rows = []
+        for view in block.views:
+            draws = view.scatter[effect.name] / np.sqrt(len(effect.places))
+            length = float(np.sqrt(np.sum((draws @ view.factor.T) ** 2) / len(block.owner)))
+            further = FURTHER_DRAWS * length * whiten(view, forms).T
+            wider = widened(view, np.concatenate([draws, further]), step, block.scene, modelled)
+            gain = wider - _at_rest(view, block.scene, modelled)
+            rows.append(_at_rest(view, block.scene, model) + gain)
+        values.append(over_views(np.stack(rows), model))
+    calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
+    contradicted = sum(_scatter_contradicted(block) for block in blocks if block.scene == "stretch")
+    place = dict(effect.places[0])
+    return Table(
+        effect.name,
+        tuple(values),
+        np.repeat(calm + contradicted, len(sizes)),
+        log_prior(effect, sizes),
+        tuple({SCALAR: float(size)} | place for size in sizes),
+    )
+
+
+def widened(view: View, directions: Array, factors: Array, scene: str, model: LikelihoodModel) -> Array:
+    """Log likelihood of a block whose covariance grows by each factor's square along some directions, [factors].
+
+    Along what was taken away from it, that response's own uncertainty is all there is.
+    """
+    measured, count = view.measured, len(view.measured)
+    taken = np.reshape(view.taken, (-1, count))
+    known = Lengths.of((taken @ taken.T)[None], (taken @ measured)[None], count, model, alone=False)
+    along = np.linalg.qr(taken.T)[0]
+    scale = float(np.sqrt(known.grown[0]))
+    beside = (measured - along @ (along.T @ measured)) / scale
+    _, spread, basis = np.linalg.svd((directions - (directions @ along) @ along.T) / scale, full_matrices=False)
+    seen = basis @ beside
+    variance = 1.0 + np.outer(factors**2, spread**2)
+    rest = float(beside @ beside) - float(seen @ seen)
+    square = (rest + (seen**2 / variance).sum(axis=1)) * model.dimension_share + known.square[0]
+    spent = 0.5 * np.log(variance).sum(axis=1) + view.log_det + 0.5 * count * np.log(known.grown[0])
+    density = model.log_density(square, count * model.dimension_share, scene)
+    return np.asarray(density - model.dimension_share * spent - known.spent[0])
+
+
+def _forms_of_each_capture(block: Block) -> Array:
+    """Smooth changes of each capture alone, [n, captures * forms]."""
+    forms = smooth_modes()[block.cell]
+    return np.concatenate([forms * (block.owner == k)[:, None] for k in range(len(block.captures))], axis=1)
+
+
+def _scatter_contradicted(block: Block) -> float:
+    """Log likelihood that repeats which share a difference lose under an effect that is another in each of them.
+
+    The mean over repeats and their differences would have one variance: their ratio has an F distribution.
+    """
+    count = len(block.captures)
+    if count < 2:
+        return 0.0
+    values = block.metres(block.stated.measured)
+    table = np.full((count, int(block.cell.max()) + 1), np.nan)
+    table[block.owner, block.cell] = values
+    seen = table[:, np.isfinite(table).all(axis=0)]
+    between = count * float(np.mean(seen.mean(axis=0) ** 2))
+    within = float(np.var(seen, axis=0, ddof=1).mean())
+    freedom = (SCATTER_FREEDOM, SCATTER_FREEDOM * (count - 1))
+    return min(0.0, float(f_distribution.logpdf(between / within, *freedom) - f_distribution.logpdf(1.0, *freedom)))
+
+
+def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """Response linear in each direction, Gaussian prior, Laplace's approximation at the best of several fits.
+
+    The fit begins in every orthant, because a component's response forward is another one than backward.
+    """
+    count = len(effect.components)
+    prior_sigma = 1.2 * vector_step(effect) / np.sqrt(count)
+    found: list[tuple[float, int, Array, Array, tuple[Array, ...], Array, float]] = []
+    for signs in product((1.0, -1.0), repeat=count):
+        size, hessian = _fit_vector(effect, blocks, pixels, model, np.array(signs) * 1e-9 * prior_sigma)
+        weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
+        values = []
+        for block in blocks:
+            views, scene = block.views, block.scene
+            rows = [view_log_likelihood(v, v.responses[effect.name], weights[None], scene, model) for v in views]
+            values.append(over_views(np.stack(rows), model))
+        seen = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
+        occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
+        occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
+        occam += float(fading(next(iter(effect.components.values())), np.array(max(np.linalg.norm(size), 1e-12))))
+        total = float(sum(value.sum() for value in values) + seen.sum() + occam)
+        found.append((total, len(found), size, hessian, tuple(values), seen, occam))
+    _, _, size, hessian, by_block, seen, occam = max(found)
+    sigma = np.sqrt(np.diag(np.linalg.inv(hessian)))
+    return Table(
+        effect.name,
+        by_block,
+        seen,
+        np.array([occam]),
+        ({n: float(s) for n, s in zip(effect.components, size, strict=True)},),
+        {n: float(d) for n, d in zip(effect.components, sigma, strict=True)},
+    )
+
+
+def _fit_vector(
+    effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, size: Array
+) -> tuple[Array, Array]:
+    """Size and the Hessian there, by least squares with robust weights, repeated from a first size."""
+    step, count = vector_step(effect), len(effect.components)
+    prior_sigma = 1.2 * step / np.sqrt(count)
+    hessian = np.eye(count)
+    for _ in range(12):
+        own = np.where(size >= 0, np.arange(count), np.arange(count, 2 * count))
+        way = (np.where(size >= 0, 1.0, -1.0) / step)[:, None]
+        shared = way * pixels.responses[effect.name][own]
+        hessian = np.eye(count) / prior_sigma**2 + shared @ shared.T
+        right = shared @ pixels.measured
+        for block in blocks:
+            view = block.stated
+            columns = way * view.responses[effect.name][own]
+            residual = view.measured - size @ columns
+            weight = model.dimension_share / max(float(residual @ residual) / len(residual), 0.3)
+            hessian += weight * columns @ columns.T
+            right += weight * columns @ view.measured
+        size = np.linalg.solve(hessian, right)
+    return size, hessian

@@ -1,0 +1,194 @@
+"""Two effects together: each of the best with every other one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from diagnosis.effects import get_effect
+from diagnosis.groups import group_of
+from diagnosis.inference.block import Block, PixelBlock
+from diagnosis.inference.evidence import Evidence, Table, or_unmoved, tabulate, tabulate_nothing
+from diagnosis.inference.holds import over_holds
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.one_fabric import by_more_than_one
+from diagnosis.inference.subtract import pixels_together, pixels_without, together, without
+
+Array = NDArray[np.float64]
+FIRST_EFFECTS = 3
+"""So many of the best single effects are tried together with every other one, or with something unknown."""
+PICKED_UP = 0.3
+"""Of what an effect on the cloth gains, so much a second one on the cloth may gain by what the first leaves: large
+changes are simulated less well, and what is left of them looks like some other effect."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two effects together.
+
+    Attributes:
+        first, second: names; the first explains more alone.
+        sizes: of each.
+        evidence: of both; its size and interval are the second's.
+    """
+
+    first: str
+    second: str
+    sizes: Mapping[str, Mapping[str, float]]
+    evidence: Evidence
+
+
+@dataclass(frozen=True)
+class AsHeld:
+    """All explanations by one with magnets that hold in one way.
+
+    Attributes:
+        blocks: what was measured, less what the magnets do.
+        tables: of nothing, of something unknown, then of every effect.
+        weight: log probability of these magnets.
+    """
+
+    blocks: Sequence[Block]
+    tables: Sequence[Table]
+    weight: float
+
+
+def weigh_pairs(
+    effects: Sequence[str],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    ways: Sequence[AsHeld],
+    peaks: Sequence[float],
+    evidence: Mapping[str, Evidence],
+) -> list[Pair]:
+    """Of each of the best effects with every other one.
+
+    Args:
+        effects: names to try.
+        blocks, pixels, model: what was measured, and how likely it is.
+        ways: how magnets may hold.
+        peaks: log likelihood of each block under what fits it best alone: pairs gain or lose below these.
+        evidence: of single explanations.
+    """
+    weights = np.array([way.weight for way in ways])
+    plain = [_as_simulated(way.tables, way.blocks, pixels, model) for way in ways]
+    under_peaks = {
+        same[0].name: over_holds(same, weights).weigh(blocks, peaks, model) for same in zip(*plain, strict=True)
+    }
+    able = [name for name in effects if not get_effect(name).holds]
+    usable = [name for name in able if not get_effect(name).random_repeats]
+    first_names = sorted(usable, key=lambda name: -under_peaks[name].log_evidence)[:FIRST_EFFECTS]
+    both = []
+    for way, tables in zip(ways, plain, strict=True):
+        alone = {table.name: table.weigh(blocks, peaks, model) for table in tables if table.name in first_names}
+        both.append(_pairs(first_names, able, way.blocks, pixels, model, alone, way.tables[0]))
+    found = []
+    for same in zip(*both, strict=True):
+        each = [table.weigh(blocks, peaks, model) for _, _, table in same]
+        total = weights + np.array([one.log_evidence for one in each])
+        top = int(np.argmax(total))
+        first, sizes, table = same[top]
+        own = by_more_than_one(replace(each[top], log_evidence=float(logsumexp(total))), under_peaks[first])
+        told = evidence[first].log_evidence + own.log_evidence - under_peaks[first].log_evidence
+        found.append(Pair(first, table.name, sizes, replace(each[top], log_evidence=told)))
+    return found
+
+
+def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence]) -> Pair:
+    """Without what the second gains by what the first leaves."""
+    if not all(get_effect(name).moves_cloth for name in (pair.first, pair.second)):
+        return pair
+    gained = max(0.0, evidence[pair.first].log_evidence - evidence["none"].log_evidence)
+    own = pair.evidence
+    return replace(pair, evidence=replace(own, log_evidence=own.log_evidence - PICKED_UP * gained))
+
+
+def _pairs(
+    first_names: Sequence[str],
+    effects: Sequence[str],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    evidence: Mapping[str, Evidence],
+    nothing: Table,
+) -> list[tuple[str, dict[str, Mapping[str, float]], Table]]:
+    """Each of the best effects with every other, the first at its best size given the second; no pair twice.
+
+    ``evidence`` of the first ones is that with the same magnets: what their size costs, and not how probable these are.
+    """
+    found, seen = [], set()
+    for first in first_names:
+        size: Mapping[str, float] = evidence[first].size
+        occam = evidence[first].log_evidence - evidence[first].best
+        for second in effects:
+            if second in group_of(first) or frozenset({first, second}) in seen:
+                continue
+            seen.add(frozenset({first, second}))
+            own = [together(block, first, second) for block in blocks]
+            seen_with = pixels_together(pixels, first, second)
+            table = _given(second, first, size, own, seen_with, model, nothing)
+            best = [float(values.max()) for values in table.blocks]
+            sizes = {first: size, second: table.weigh(blocks, best, model).size}
+            if not get_effect(second).random_repeats:
+                back = _given(first, second, sizes[second], own, seen_with, model, nothing)
+                sizes[first] = back.weigh(blocks, [float(v.max()) for v in back.blocks], model).size
+                table = _given(second, first, sizes[first], own, seen_with, model, nothing)
+                sizes[second] = table.weigh(blocks, [float(v.max()) for v in table.blocks], model).size
+            found.append((first, sizes, replace(table, prior=table.prior + occam)))
+    return found
+
+
+def _as_simulated(
+    tables: Sequence[Table], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel
+) -> list[Table]:
+    """Effects' tables with responses of no other form; what moves no cloth has no other.
+
+    Args:
+        tables: as :func:`_tables` gives them.
+        blocks, pixels, model: see there.
+    """
+    still = [float(value.max()) for value in tables[0].blocks]
+    return [
+        tabulate(get_effect(table.name), blocks, pixels, model, still, as_simulated=True)
+        if get_effect(table.name).moves_cloth
+        else table
+        for table in tables[2:]
+    ]
+
+
+def _given(
+    name: str,
+    other: str,
+    size: Mapping[str, float],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    nothing: Table,
+) -> Table:
+    """One effect where another of known size is there too; two of any form would fit any folds."""
+    left = [without(block, other, size) for block in blocks]
+    seen = [float(still.max()) for still in tabulate_nothing(left, pixels, model).blocks]
+    if get_effect(other).moves_cloth:  # its response may have left the folds that are seen, too
+        seen = [max(own, float(still.max())) for own, still in zip(seen, nothing.blocks, strict=True)]
+    table = tabulate(get_effect(name), left, pixels_without(pixels, other, size), model, seen, as_simulated=True)
+    if get_effect(name).moves_cloth or not get_effect(other).moves_cloth:
+        return table
+    return _or_without_the_other(table, blocks, pixels, model)
+
+
+def _or_without_the_other(table: Table, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+    """Of an effect that moves no cloth beside one that does: in blocks whose folds may be those seen without the latter
+    although the continued simulation left them, the first alone is what is seen.
+    """
+    effect = get_effect(table.name)
+    if effect.vector:  # one size
+        alone = tabulate_nothing([without(block, effect.name, table.sizes[0]) for block in blocks], pixels, model)
+    else:  # of all scenes: what scatter counts for in one depends on whether there is another
+        alone = tabulate(effect, blocks, pixels, model, as_simulated=True)
+    same = zip(blocks, table.blocks, alone.blocks, strict=True)
+    return replace(table, blocks=tuple(or_unmoved(b.scene, value, still, model) for b, value, still in same))

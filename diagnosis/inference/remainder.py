@@ -1,0 +1,160 @@
+"""What an explanation leaves over that is common to all fabrics: the mark of something outside the catalogue.
+
+What is in no catalogue cannot be simulated, but the change it brings can be put together from changes that can:
+effects, parameters, pins, warps of the picture, smooth changes of any form, of the rim and of lines across the cloth,
+in the same proportions for all fabrics. Such a mixture, of all of them or of one family, is fitted to all fabrics but
+one and judged on the one left out; what is chance, or one fabric's own, predicts nothing, and of few changes less is
+needed to be seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from diagnosis.inference.block import Block
+from diagnosis.inference.changes import changes_of
+from diagnosis.inference.likelihood import ALONE_NATS, LikelihoodModel
+
+Array = NDArray[np.float64]
+ALL = "all"
+SINGLE = ("picture", "pins", "rim", "lines")
+"""Families that are tried by themselves; smooth forms are not: another simulator shows one for no reason."""
+BY_CHANCE_NATS = {ALL: 6.0, "picture": 3.0, "pins": 3.0, "rim": 6.0, "lines": 2.0}
+"""A mixture may gain so much where nothing unknown is there: simulators differ for no reason, each time otherwise; a
+rim is lifted by curvatures of the catalogue, too, whose own responses may be of other folds."""
+SINGLE_SHARE = 0.5
+"""Of mixtures: those of one family."""
+WEIGHTS, SINGLE_WEIGHTS = (0.2, 0.4), (0.4, 1.0)
+"""Spread of a mixture's proportions, 1 being what :mod:`diagnosis.inference.changes` says: smaller ones find how
+simulators differ for no reason."""
+ROUNDS = 6
+LEAST_SQUARE = 0.3
+"""A block that is fitted better than this share of its errors counts no more for it."""
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Changes of all fabrics, in units of their errors.
+
+    Attributes:
+        blocks: what was measured.
+        columns: of each block, a row for each change, [k, n].
+        grams: their products with each other, [k, k].
+        families: of all changes together and of each of :data:`SINGLE`, the numbers of its rows.
+        described: of a family, rows that effects of the catalogue describe: what they alone gain is nothing unknown.
+        model: of the likelihood.
+    """
+
+    blocks: tuple[Block, ...]
+    columns: tuple[Array, ...]
+    grams: tuple[Array, ...]
+    families: Mapping[str, NDArray[np.intp]]
+    described: Mapping[str, NDArray[np.intp]]
+    model: LikelihoodModel
+
+    @classmethod
+    def of(cls, effects: Sequence[str], blocks: Sequence[Block], model: LikelihoodModel) -> Mixture:
+        """Of the catalogue's effects and what is not in it."""
+        columns, rows = changes_of(effects, blocks)
+        described = {"pins": rows["placed"]} if len(rows["placed"]) else {}
+        unknown = np.setdiff1d(np.arange(len(columns[0])), rows["placed"])
+        families = {ALL: unknown} | {name: rows[name] for name in SINGLE}
+        grams = tuple(c @ c.T for c in columns)
+        return cls(tuple(blocks), tuple(columns), grams, families, described, model)
+
+    def gain(self, left: Sequence[Array], granted: Sequence[Array] | None = None) -> Array:
+        """Log likelihood of each fabric by a mixture fitted on the others, over that without; blocks as they count.
+
+        Args:
+            left: of each block, what an explanation leaves, whitened, [n].
+            granted: of each block, changes that count for nothing, [rows, n]: how the explanation itself would change
+                with its size, which may be fitted too small or too large.
+
+        Returns:
+            For each of the families, the best of its weights, without what changes gain that the catalogue describes;
+            nothing (-inf) for a single fabric.
+        """
+        fabrics = sorted({block.fabric for block in self.blocks})
+        if len(fabrics) < 2:
+            return np.full(len(self.families), -np.inf)
+        if granted is not None:
+            bases = [_basis(rows) for rows in granted]
+            beyond = [own - basis @ (basis.T @ own) for own, basis in zip(left, bases, strict=True)]
+            return self._beyond(bases).gain(beyond)
+        products = [rows @ own for rows, own in zip(self.columns, left, strict=True)]
+
+        def most(name: str, rows: NDArray[np.intp]) -> float:
+            weights = WEIGHTS if name == ALL else SINGLE_WEIGHTS
+            return max(self._gain(left, products, rows, fabrics, weight) for weight in weights)
+
+        known = {name: max(0.0, most(name, rows)) for name, rows in self.described.items()}
+        return np.array([most(name, rows) - known.get(name, 0.0) for name, rows in self.families.items()])
+
+    def evidence(self, gains: Array, *, beside: float | None = None) -> float:
+        """Log evidence of a mixture, whichever family it is of, over that without.
+
+        Args:
+            gains: by family.
+            beside: so much of each may be there beside an effect; None: without one, what chance gives.
+        """
+        single = np.array([name != ALL for name in self.families])
+        share = np.where(single, SINGLE_SHARE / single.sum(), 1.0 - SINGLE_SHARE)
+        chance = np.array([BY_CHANCE_NATS[name] for name in self.families])
+        return float(logsumexp(gains - (chance if beside is None else beside), b=share))
+
+    def _beyond(self, bases: Sequence[Array]) -> Mixture:
+        """Without what each block's orthonormal columns span."""
+        along = [rows @ basis for rows, basis in zip(self.columns, bases, strict=True)]
+        columns = [r - a @ b.T for r, a, b in zip(self.columns, along, bases, strict=True)]
+        grams = [gram - a @ a.T for gram, a in zip(self.grams, along, strict=True)]
+        return replace(self, columns=tuple(columns), grams=tuple(grams))
+
+    def _gain(
+        self,
+        left: Sequence[Array],
+        products: Sequence[Array],
+        rows: NDArray[np.intp],
+        fabrics: Sequence[str],
+        weight: float,
+    ) -> float:
+        """Of a mixture of some rows whose proportions are spread by a weight."""
+        products, grams = [p[rows] for p in products], [g[np.ix_(rows, rows)] for g in self.grams]
+        squares = [float(own @ own) for own in left]
+        count = [len(own) for own in left]
+
+        def remaining(share: Array, n: int) -> float:
+            return max(0.0, squares[n] - 2 * float(share @ products[n]) + float(share @ grams[n] @ share))
+
+        gains = []
+        for fabric in fabrics:
+            seen = [n for n, block in enumerate(self.blocks) if block.fabric != fabric]
+            share = np.zeros(len(rows), dtype=np.float64)
+            for _ in range(ROUNDS):
+                precision = np.eye(len(share)) / weight**2
+                right = np.zeros(len(share))
+                for n in seen:
+                    heard = self.model.dimension_share / max(remaining(share, n) / count[n], LEAST_SQUARE)
+                    precision += heard * grams[n]
+                    right += heard * products[n]
+                share = np.asarray(np.linalg.solve(precision, right), dtype=np.float64)
+            held = [n for n, block in enumerate(self.blocks) if block.fabric == fabric]
+            gains.append(sum(self._counted(remaining(share, n), squares[n], n, count[n]) for n in held))
+        gains.sort()
+        return float(sum(gains) - max(0.0, gains[-1] - max(gains[-2], 0.0) - ALONE_NATS))
+
+    def _counted(self, after: float, before: float, number: int, count: int) -> float:
+        """Gain of one block from its squared residual after and before."""
+        share, scene = self.model.dimension_share, self.blocks[number].scene
+        now, then = self.model.log_density(np.array([after, before]) * share, count * share, scene)
+        return float(self.model.counted(now - then, scene))
+
+
+def _basis(rows: Array) -> Array:
+    """Orthonormal columns that span the rows, [n, rank]."""
+    _, size, basis = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(basis[size > 1e-9 * max(float(size.max(initial=0.0)), 1e-9)].T)

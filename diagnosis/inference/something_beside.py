@@ -1,0 +1,119 @@
+"""Something outside the catalogue, alone or beside one of its effects, as what all fabrics share shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from diagnosis.effects import get_effect
+from diagnosis.groups import NOT_EFFECTS
+from diagnosis.inference.block import Block, PixelBlock, whiten
+from diagnosis.inference.evidence import Evidence
+from diagnosis.inference.likelihood import LikelihoodModel, some_off
+from diagnosis.inference.pairs import FIRST_EFFECTS, Pair
+from diagnosis.inference.remainder import Mixture
+from diagnosis.inference.subtract import as_seen, pixels_together, pixels_without, responses_at_place, together, without
+
+Array = NDArray[np.float64]
+TOLERATED = 0.7
+"""Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
+CHANGED = 0.5
+"""A shared number is explained by what changes it by more than this share of how far it is off."""
+SAID, UNSAID = 0.5, 0.35
+"""One effect, or two, that gain more than this share of what a mixture gains, and leave less than this, explain it."""
+
+
+def something_beside(
+    effects: Sequence[str],
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    evidence: Mapping[str, Evidence],
+    shares: Mapping[str, float],
+    pairs: Sequence[Pair],
+) -> float:
+    """Log evidence of something outside the catalogue, alone (half of the cases) or beside one of the best effects.
+
+    It shows in a mixture of changes that is the same for all fabrics, in shared numbers that are off, or in both. What
+    a mixture gains alone is nothing unknown where one of the best effects, or two together, leave little of it.
+    """
+    mixture = Mixture.of(effects, blocks, model)
+
+    def either(mixed: float, numbers: float) -> float:
+        return float(logsumexp([mixed, numbers, mixed + numbers], b=[0.5, 0.25, 0.25]))
+
+    left_by = partial(_left_by, mixture, blocks)
+    alone, numbers = left_by({}), some_off(pixels, model)
+    unexplained, nothing = mixture.evidence(alone), evidence["none"].log_evidence
+    tolerated = TOLERATED * max(0.0, float(alone.max()))
+    found, said = [], []
+    rest = sum(share for name, share in shares.items() if name not in NOT_EFFECTS)
+    usable = [name for name in effects if not get_effect(name).random_repeats]
+    left_by_two = [(pair, left_by(pair.sizes)) for pair in pairs]
+    for name in sorted(usable, key=lambda name: -evidence[name].log_evidence)[:FIRST_EFFECTS]:
+        size, own = evidence[name].size, evidence[name].log_evidence
+        left = left_by({name: size})
+        said.append((own - nothing, left))
+        rest_of = pixels_without(pixels, name, size)
+        explained = np.abs(rest_of.measured - pixels.measured) > CHANGED * np.abs(pixels.measured)
+        allowed = TOLERATED * max(0.0, some_off(pixels, model, explained))
+        beside = some_off(rest_of, model) - allowed
+        unsaid = mixture.evidence(left, beside=tolerated)
+        for pair, still in left_by_two:
+            gained = pair.evidence.log_evidence - own
+            if name not in (pair.first, pair.second):
+                continue
+            if is_said_again(float(left.max()), float(still.max()), gained):
+                unsaid = min(unsaid, gained + mixture.evidence(still, beside=tolerated))
+            numbers_left = some_off(_without_both(pixels, pair), model)
+            if numbers_left < UNSAID * beside:
+                beside = min(beside, gained + numbers_left - allowed)
+        found.append(own + either(unsaid, beside) + np.log(0.5 * shares[name] / rest))
+    said += [(pair.evidence.log_evidence - nothing, left) for pair, left in left_by_two]
+    for gained, left in said:
+        if is_said_again(float(alone.max()), float(left.max()), gained):
+            unexplained = min(unexplained, gained + mixture.evidence(left, beside=tolerated))
+    found.append(nothing + either(unexplained, numbers) + np.log(0.5))
+    return float(logsumexp(found))
+
+
+def _without_both(pixels: PixelBlock, pair: Pair) -> PixelBlock:
+    """The shared numbers less what two effects do to them."""
+    left = pixels_together(pixels, pair.first, pair.second)
+    for name in (pair.first, pair.second):
+        left = pixels_without(left, name, pair.sizes[name])
+    return left
+
+
+def _left_by(mixture: Mixture, blocks: Sequence[Block], sizes: Mapping[str, Mapping[str, float]]) -> Array:
+    """What mixtures still gain beside effects of some sizes, by family.
+
+    How these would change with their size counts for nothing, nor does how magnets hold.
+    """
+    left, usable = list(blocks), [name for name in sizes if not get_effect(name).random_repeats]
+    if len(usable) == 2:
+        left = [together(block, *usable) for block in left]
+    simulated = left
+    for name in usable:
+        left = [without(block, name, sizes[name]) for block in left]
+    granted = []
+    for block in simulated:
+        hold = np.zeros((0, len(block.owner))) if block.grip is None else whiten(block.stated, block.grip[:, None]).T
+        own = [responses_at_place(block.stated.responses, *as_seen(block, name, sizes[name])) for name in usable]
+        granted.append(np.concatenate([hold, *own]))
+    return mixture.gain([block.stated.measured for block in left], granted)
+
+
+def is_said_again(alone: float, left: float, gained: float) -> bool:
+    """Whether a mixture says of a set what one effect, or two, say too: their responses are among what it is mixed of.
+
+    Args:
+        alone: what the mixture gains without them.
+        left: the same beside them.
+        gained: by them [all in nats, against nothing].
+    """
+    return alone > 0.0 and gained > SAID * alone and left < UNSAID * alone

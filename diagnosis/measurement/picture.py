@@ -1,0 +1,40 @@
+"""Pictures of drapes as a scene's camera sees them, and how far a capture is from one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.measurement.level import levelled
+from diagnosis.scene import SimulationScene
+from renderer.depth import render_depth
+from simcore.drape import Drape
+
+
+def picture_of(drape: Drape, scene: SimulationScene) -> NDArray[np.float32]:
+    """The ideal depth picture of a drape in a scene [m]."""
+    return render_depth(
+        drape.vertices, drape.mesh.triangles, scene.camera, scene.camera_from_panel, panel=scene.setup.panel
+    )
+
+
+def depth_rms(depth: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    """Root mean square difference where both have data [m]; infinite where they share none."""
+    both = (depth > 0) & (other > 0)
+    if not both.any():
+        return float("inf")
+    return float(np.sqrt(np.mean((depth[both].astype(np.float64) - other[both]) ** 2)))
+
+
+def state_distance(depth: NDArray[np.float32], drape: Drape, scene: SimulationScene) -> float:
+    """Root mean square of a capture's levelled difference from a drape's picture [m]; infinite where none is seen."""
+    difference = levelled(depth, picture_of(drape, scene), scene)
+    seen = np.isfinite(difference)
+    return float(np.sqrt(np.mean(difference[seen] ** 2))) if seen.any() else math.inf
+
+
+def noise_square(scene: SimulationScene) -> float:
+    """Variance of the sensor's stated noise [m²]."""
+    return scene.sensor.range_noise_m**2 + scene.sensor.quantisation_m**2 / 12.0

@@ -1,0 +1,141 @@
+"""What a user can do next, from what the report says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from diagnosis.diagnose import Diagnosis
+from diagnosis.effects import catalogue, get_effect
+from diagnosis.groups import NOT_EFFECTS, group_of
+from diagnosis.isolability import Separation, remedy
+from diagnosis.pages.where_figure import SURE
+from diagnosis.report import CauseReport, Kind, Region, RegionGap, StageName
+
+REGION_CHECKS: Mapping[Region, str] = MappingProxyType(
+    {
+        "pins": "measure where the magnets sit, and see whether the corners slip or are pulled",
+        "top_edge": "measure the distance between the magnets, and see whether the edge between them hangs free",
+        "sides": "see whether the edges curl, and whether the sample was cut along the grain",
+        "hem": "see whether it curls, is sewn or weighted, touches something, or is moved by a draught",
+        "interior": "look for creases (press the sample), and for cloth that clings to the panel",
+        "panel": "the cloth's outline is elsewhere: measure the camera's and the magnets' places, and the sample",
+    }
+)
+KIND_CHECKS: Mapping[Kind, str] = MappingProxyType(
+    {
+        "pixels": "the pixels themselves are otherwise than the stated sensor's: photograph the bare panel, state "
+        "noise and depth steps as found there, and switch the driver's smoothing and hole filling off",
+        "panel_plane": "the panel is seen at another distance or slope: measure the camera's distance with a rule, and "
+        "lay a straight edge on the panel",
+        "low_order": "the shape differs smoothly: level the panel, shut out draughts, weigh the fabric, check the "
+        "stated pin distance and focal length",
+        "folds": "folds differ: press the sample, take it down and hang it again: repeats tell chance from cause",
+    }
+)
+STAGE_CHECKS: Mapping[StageName, str] = MappingProxyType(
+    {
+        "fabric": "capture the samples once more turned by a quarter: what turns with them belongs to the fabric",
+        "setup": "measure magnets and panel, and capture once more with another pin distance",
+        "environment": "capture once more in still air with the panel wiped and discharged",
+        "camera": "calibrate the camera again, and capture once more from another distance",
+        "sensor": "capture the bare panel at two distances, which tells the sensor from the cloth",
+    }
+)
+
+
+def advice(diagnosis: Diagnosis) -> list[str]:
+    """What a user can do next, the most useful first; never empty."""
+    report = diagnosis.report
+    cause = report.cause
+    scenes = {c.scene for r in diagnosis.results for c in r.captures}
+    lines: list[str] = []
+    if cause.top == "unknown":
+        lines += _of_unknown(report.where, cause)
+    elif cause.top == "none":
+        lines += _of_none(report.where, cause)
+    else:
+        effect = get_effect(cause.top)
+        lines.append(f"Check the {effect.stage.value} stage: {effect.hook}.")
+    lines += separating(cause)
+    if "stretch" not in scenes:
+        lines.append("Add captures of the stretch scene: it repeats far better than hanging and carries the diagnosis.")
+    if len(diagnosis.results) == 1:
+        lines.append("Add other fabrics: with one, a wrong parameter and a missing effect look alike.")
+    return lines
+
+
+def separating(cause: CauseReport) -> list[str]:
+    """What tells the named effects from those that these captures cannot tell from them; one line a remedy."""
+    if cause.top in NOT_EFFECTS:
+        return []
+    named = [effect.name for effect in cause.effects] or [cause.top]
+    alike: dict[tuple[str, str], list[str]] = {}
+    for other in cause.not_separable_from:
+        own = next((name for name in named if other in group_of(name)), named[0])
+        alike.setdefault((own, remedy(Separation(own, other, 0.0, 0.0, 0.0))), []).append(other)
+    return [f"To tell {own} from {', '.join(others)}: {what}." for (own, what), others in alike.items()]
+
+
+def strongest(rows: Sequence[RegionGap]) -> list[RegionGap]:
+    """The rows that show where a gap lies: of regions, of kinds and of stages the one farthest above its floor.
+
+    Only rows that show a difference count; those of ``stretch`` where it shows any, because it repeats better.
+    """
+    sure = [row for row in rows if row.p_adjusted < SURE and row.gap > row.noise_floor]
+    sure = [row for row in sure if row.scene == "stretch"] or sure
+    found = []
+    for by in ("region", "kind", "stage"):
+        own = [row for row in sure if row.by == by and not (by == "region" and row.region == "all")]
+        if own:
+            found.append(max(own, key=lambda row: row.gap / max(row.noise_floor, 1e-9)))
+    return found
+
+
+def _of_unknown(rows: Sequence[RegionGap], cause: CauseReport) -> list[str]:
+    lines = []
+    shown = strongest(rows)
+    for row in shown:
+        much = f"{row.gap:.1f} {row.unit} against a floor of {row.noise_floor:.1f}, {row.scene}"
+        if row.by == "region":
+            lines.append(f"The gap is largest at {row.region} ({much}): {REGION_CHECKS[row.region]}.")
+        elif row.by == "kind":
+            lines.append(f"Its kind is {row.kind} ({much}): {KIND_CHECKS[row.kind]}.")
+        else:
+            lines.append(
+                f"What effects of the {row.stage} stage do comes nearest to it ({row.effect}, {much}): "
+                f"{STAGE_CHECKS[row.stage]}."
+            )
+    if not shown:
+        lines.append("No region, kind or stage stands out: add a repeat of every sample, taken down and hung again.")
+    if not any(row.by == "stage" for row in shown):
+        lines.append(
+            "Capture the same samples once more turned by a quarter: what turns with them belongs to the fabric, what "
+            "stays to magnets, panel, room or camera."
+        )
+    left_out = sorted(set(catalogue()) - set(cause.probabilities))
+    if left_out:
+        lines.append(f"Diagnose again with the whole catalogue: {', '.join(left_out)} were not tried.")
+    return lines
+
+
+def _of_none(rows: Sequence[RegionGap], cause: CauseReport) -> list[str]:
+    lines = []
+    second = max((name for name in cause.probabilities if name != "none"), key=lambda name: cause.probabilities[name])
+    if cause.probabilities["none"] < 0.5:
+        lines.append(f"Add repeats and fabrics: they decide between no effect at all and {second}, the next likeliest.")
+    else:
+        lines.append("Nothing needs to be done: the simulation may be used as it is for such fabrics and scenes.")
+    for row in strongest(rows):
+        if row.by != "stage":
+            part = row.region if row.by == "region" else row.kind
+            much = f"{row.gap:.1f} {row.unit} against a floor of {row.noise_floor:.1f}"
+            lines.append(
+                f"Yet {part} differs in {row.scene} ({much}): one fabric with wrong parameters, or folds that were not "
+                "found, do that; look at the pictures."
+            )
+    lines.append(
+        "This report does not say how small an effect such captures would have shown: drapemeter diagnose with "
+        "--isolability does, from simulations of the same fabrics and scenes."
+    )
+    return lines

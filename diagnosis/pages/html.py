@@ -1,0 +1,196 @@
+"""The report as one self-contained HTML page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.diagnose import Diagnosis
+from diagnosis.effects import get_effect
+from diagnosis.groups import group_of
+from diagnosis.inference.block import Block
+from diagnosis.inference.cause import Cause
+from diagnosis.measurement.reference import CELLS
+from diagnosis.pages.advice import advice
+from diagnosis.pages.where_figure import SURE, png_text, where_picture
+from diagnosis.shrinkage.held_out import refitted_residual, response_of, sized
+from diagnosis.tasks.fabric_task import CaptureResult, CaptureTask
+
+TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
+MOST_PICTURES = 6
+TOLD = 0.05
+"""A declared twin of what is named is told of from this probability on."""
+WIDE = 2.0
+"""A gap of so many noise floors that is still no gap needs a word why."""
+TEXTS = {
+    "none": "nothing beyond repeats and stated uncertainties",
+    "unknown": "something that no effect of the catalogue describes",
+}
+
+
+def render_html(diagnosis: Diagnosis, name: str) -> str:
+    """The page, pictures embedded."""
+    from jinja2 import Environment
+
+    environment = Environment(autoescape=True)
+    template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
+    report = diagnosis.report
+    ordered = sorted(report.cause.probabilities.items(), key=lambda item: -item[1])
+    causes = [{"name": n, "p": p, "text": TEXTS.get(n) or get_effect(n).summary} for n, p in ordered[:8]]
+    return template.render(
+        name=name,
+        report=report,
+        causes=causes,
+        sentence=sentence(diagnosis),
+        todo=advice(diagnosis),
+        pictures=_pictures(diagnosis),
+        where=_where(diagnosis),
+        sure=SURE,
+        assumed=diagnosis.assumed,
+        bars=_bars(diagnosis),
+    )
+
+
+def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
+    """Name, length and colour of the shrinkage's bars."""
+    found = diagnosis.report.shrinkage
+    if found is None:
+        return []
+    bars = [("before", found.before, "#2b6cb0"), ("after", found.after, "#38a169")]
+    if found.control is not None:
+        bars.append(("wrong effect", found.control.after, "#a0aec0"))
+    return [*bars, ("noise floor", found.noise_floor, "#cbd5e0")]
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The finding in plain words."""
+    report = diagnosis.report
+    cause, detected = report.cause, report.gap.detected
+    names = [effect.name for effect in cause.effects] or [cause.top]
+    alike = sorted({twin for name in names for twin in group_of(name) if cause.probabilities.get(twin, 0.0) >= TOLD})
+    top, p = " with ".join(names), sum(cause.probabilities[name] for name in {*names, *alike})
+    twins = [twin for twin in alike if twin not in names]
+    gap = f"{report.gap.value:.2f} mm against a noise floor of {report.gap.noise_floor:.2f} mm"
+    if p < 0.5:
+        either = " or ".join([top, *twins])
+        return (
+            f"These captures do not tell what is missing ({gap}): {either} is likeliest, with probability {p:.2f} only."
+        )
+    if top == "none" and detected:
+        return f"They differ ({gap}), but nothing that was tried comes nearer (no effect: probability {p:.2f})."
+    if top == "none":
+        wide = report.gap.value > WIDE * report.gap.noise_floor
+        why = "; what is stated of the fabrics may be as wrong, or folds may have fallen otherwise" if wide else ""
+        return f"Simulation and captures agree as far as these captures can tell ({gap}{why}; probability {p:.2f})."
+    differ = f"They differ ({gap})" if detected else f"That they differ at all is not certain ({gap})"
+    if top == "unknown":
+        return f"{differ}, and no effect of the catalogue explains it (probability {p:.2f})."
+    summary = " ".join(get_effect(name).summary for name in names)
+    text = f"{differ}. Most probable cause: {top} (probability {p:.2f}). {summary}"
+    if twins:
+        text = (
+            f"{differ}. Most probable cause: {top}, or in its place {' or '.join(twins)}, which these captures do not "
+        )
+        text += f"tell from it (together probability {p:.2f}). {summary}"
+    if report.shrinkage is not None:
+        share = 100 * report.shrinkage.fraction
+        beside = "both" if len(names) == 2 else "it"
+        text += f" With {beside}, {share:.0f} % of the gap above the floor goes away on held-out captures."
+    return text
+
+
+def _where(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """A picture of every scene's rows."""
+    scenes = sorted({block.scene for block in diagnosis.blocks}, reverse=True)
+    rows = diagnosis.report.where
+    return [{"title": scene, "data": where_picture(scene, diagnosis.blocks, rows)} for scene in scenes]
+
+
+def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    pictures: list[dict[str, str]] = []
+    for result in diagnosis.results:
+        for scene in ("stretch", "hanging"):
+            own = [c for c in result.captures if c.scene == scene]
+            if own and len(pictures) < MOST_PICTURES:
+                task = next(t for t in result.task.captures if t.id == own[0].id)
+                block = next(b for b in diagnosis.blocks if b.fabric == own[0].fabric and b.scene == scene)
+                after = _after(diagnosis, own[0])
+                data = _picture(task, own[0], after, _maps(block, diagnosis.cause))
+                pictures.append({"title": own[0].id, "data": data})
+    return pictures
+
+
+def _after(diagnosis: Diagnosis, capture: CaptureResult) -> NDArray[np.float32] | None:
+    """Simulation with the named effects on, ideal picture [m]; None where nothing is named or simulated afresh."""
+    look = diagnosis.looks.get(capture.fabric)
+    if look is None or not diagnosis.cause.named:
+        return None
+    return look.picture(capture, sized(diagnosis.cause))
+
+
+def _maps(block: Block, cause: Cause) -> list[tuple[str, NDArray[np.float64]]]:
+    """Difference in each cell of the cloth of the first capture, parameters refitted [mm], without and with the effect.
+
+    Maps are [cells, cells], row by row down the sample, whatever its shape in the picture.
+    """
+    response = response_of(block, cause)
+    shown = [("left over without an effect [mm]", np.zeros_like(response))]
+    if cause.named:
+        shown.append((f"with {' and '.join(cause.named)} [mm]", response))
+    maps = []
+    for title, taken in shown:
+        left, _ = refitted_residual(block, taken)
+        own = (block.owner == 0) & (block.cell < CELLS * CELLS)
+        table = np.full(CELLS * CELLS, np.nan)
+        table[block.cell[own]] = -1e3 * left[own]
+        maps.append((title, table.reshape(CELLS, CELLS)))
+    return maps
+
+
+def _picture(
+    task: CaptureTask,
+    found: CaptureResult,
+    after: NDArray[np.float32] | None,
+    maps: list[tuple[str, NDArray[np.float64]]],
+) -> str:
+    """Capture, simulation before and after, difference, and what is left on the cloth's own cells; PNG in base64."""
+    from matplotlib.figure import Figure
+
+    rows, columns = np.nonzero(found.reference.cell >= 0)
+    window = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
+    depth, simulated = task.depth[window].astype(float), found.reference.depth[window].astype(float)
+    difference = 1e3 * np.where((depth > 0) & (simulated > 0), simulated - depth, np.nan)
+    far = float(np.max(simulated))
+    high = 1e3 * (far - float(np.min(simulated[simulated > 0])))
+    shown = [
+        (_height(depth, far), "capture, height [mm]"),
+        (_height(simulated, far), "simulation without effect [mm]"),
+    ]
+    if after is not None:
+        shown.append((_height(after[window].astype(float), far), "simulation with what was found [mm]"))
+    figure = Figure(figsize=(4.0 * (len(shown) + 1 + len(maps)), 4), layout="constrained")
+    axes: Any = figure.subplots(1, len(shown) + 1 + len(maps))
+    for axis, (values, title) in zip(axes, shown, strict=False):
+        drawn = axis.imshow(values, vmin=0, vmax=high, cmap="viridis")
+        axis.set_title(title)
+        figure.colorbar(drawn, ax=axis, shrink=0.8)
+    most = max(2.0, float(np.nanquantile(np.abs(difference), 0.98)))
+    apart = axes[len(shown)]
+    drawn = apart.imshow(difference, vmin=-most, vmax=most, cmap="RdBu_r")
+    apart.set_title("capture nearer (red) or farther (blue) [mm]")
+    figure.colorbar(drawn, ax=apart, shrink=0.8)
+    most = max(1.0, float(np.nanquantile(np.abs(maps[0][1]), 0.98)))
+    for axis, (title, table) in zip(axes[len(shown) + 1 :], maps, strict=True):
+        drawn = axis.imshow(table, vmin=-most, vmax=most, cmap="RdBu_r")
+        axis.set_title(title)
+        figure.colorbar(drawn, ax=axis, shrink=0.8)
+    for axis in axes:
+        axis.set_axis_off()
+    return png_text(figure)
+
+
+def _height(depth: NDArray[np.float64], far: float) -> NDArray[np.float64]:
+    return np.asarray(np.where(depth > 0, 1e3 * (far - depth), np.nan))

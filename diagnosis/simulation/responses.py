@@ -1,0 +1,292 @@
+"""What parameters, pins, the mesh and every effect change in the picture of a fold state; kept beside the drapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.effect import Effect, Stage
+from diagnosis.effects import get_effect
+from diagnosis.measurement.features import Features, measure
+from diagnosis.measurement.picture import depth_rms, picture_of
+from diagnosis.measurement.reference import Reference, make_reference
+from diagnosis.scene import SimulationScene
+from diagnosis.simulation.drape_cache import DrapeCache, content_key
+from diagnosis.simulation.simulator import KeyedDrape, Simulator
+from diagnosis.simulation.sizes import nodes, shortcuts
+from diagnosis.simulation.state_library import StateLibrary, vertex_rms
+from diagnosis.version import PIXELS_VERSION, RESPONSES_VERSION
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+
+Array = NDArray[np.float64]
+PARAMETER_STEP = 0.07
+"""Relative change by which the responses to the seven parameters are found."""
+PIN_STEP_M = 0.002
+"""Move by which the responses to each pin's place are found."""
+PATCH_RADIUS_M = 0.011
+"""A magnet's patch: a corner and its neighbours on a 10 mm mesh."""
+COARSE_TOO_FAR_M = 0.004
+"""A coarse state further from its fine origin than this fell into other folds and is not used."""
+BORROW_M = {"hanging": 0.006, "stretch": 0.001}
+"""Responses of a state that is nearer than this serve too."""
+ENOUGH_STATES = {"hanging": 3, "stretch": 12}
+"""Where so many states of a fabric have responses, the nearest one's serve whatever the distance."""
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Changes of the shape-and-plane vector (length D) of a state's picture.
+
+    Attributes:
+        parameters: for a relative change of one of each of the seven parameters, [7, D].
+        pins: for a move of one metre of each pin along x and along y, [2 * pins, D].
+        grip: from what the stated magnets hold to a point, or from a point to a patch, [D].
+        mesh: from the fine mesh to one of twice the cell, [D]; zero where both are the same.
+        effects: effect name to the change of (vector [nodes, D], pixel statistics [nodes, P]) at each of its nodes.
+        sensed: pixel statistics that the stated sensor gives on the state, [P].
+        beside: (effect, other) to the same of the effect where the other one, at some size, is there, too.
+    """
+
+    parameters: Array
+    pins: Array
+    grip: Array
+    mesh: Array
+    effects: Mapping[str, tuple[Array, Array]]
+    sensed: Array
+    beside: Mapping[tuple[str, str], tuple[Array, Array]] = field(default_factory=dict)
+
+
+def find_responses(
+    simulator: Simulator,
+    fabric: FabricParameters,
+    scene: SimulationScene,
+    state: KeyedDrape,
+    effects: Sequence[str],
+    picture: NDArray[np.float32],
+    reference: Reference,
+) -> Responses:
+    """Of the cache, or simulated: the state goes on with each parameter, pin and effect changed.
+
+    Args:
+        simulator: solves and keeps.
+        fabric, scene: of the state.
+        state: the fold state on the fine mesh.
+        effects: names.
+        picture: of the state, ideal [m].
+        reference: its cells.
+    """
+    look = _Look(simulator, fabric, scene, state, picture, reference)
+    common = simulator.kept(_key("common", state, scene), look.common)
+    kept = {}
+    for name in effects:
+        effect = get_effect(name)
+        kept[name] = simulator.kept(_effect_key(effect, state, scene), partial(look.effect, effect))
+    return Responses(
+        common["parameters"],
+        common["pins"],
+        simulator.kept(_key("grip", state, scene), look.grip)["grip"],
+        common["mesh"],
+        {name: (rows["vector"], rows["pixels"]) for name, rows in kept.items()},
+        look.sensed.pixels,
+    )
+
+
+def borrowed_responses(
+    simulator: Simulator,
+    fabric: FabricParameters,
+    scene: SimulationScene,
+    state: KeyedDrape,
+    effects: Sequence[str],
+    picture: NDArray[np.float32],
+    reference: Reference,
+) -> Responses:
+    """:func:`find_responses` of the nearest known state that has them, if it is near enough; else of this one."""
+    name = scene.setup.scene.value
+    lender = state
+    if not simulator.cache.has(_key("common", state, scene)):
+        known = StateLibrary.of(simulator.cache, state.drape.mesh, fabric, scene).states()
+        able = [other for other in known if simulator.cache.has(_key("common", other, scene))]
+        if able:
+            nearest = min(able, key=lambda other: vertex_rms(state.drape, other.drape))
+            if len(able) >= ENOUGH_STATES[name] or vertex_rms(state.drape, nearest.drape) < BORROW_M[name]:
+                lender = nearest
+    if lender is not state:
+        picture = picture_of(lender.drape, scene)
+        reference = make_reference(lender.drape, scene)
+    return find_responses(simulator, fabric, scene, lender, effects, picture, reference)
+
+
+def responses_with(
+    simulator: Simulator, fabric: FabricParameters, scene: SimulationScene, state: KeyedDrape, effects: Sequence[str]
+) -> dict[str, tuple[Array, Array]]:
+    """What effects change where others are on already, at few sizes: (vector [nodes, D], pixel statistics [nodes, P]).
+
+    Args:
+        simulator: solves and keeps.
+        fabric: of the state.
+        scene: with the others on.
+        state: the fold state with them on, on the fine mesh.
+        effects: names.
+    """
+    picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
+    look = _Look(simulator, fabric, scene, state, picture, reference, sparing=True)
+    found = {}
+    for name in effects:
+        key = content_key(few=True, full=_effect_key(get_effect(name), state, scene))
+        rows = simulator.kept(key, partial(look.effect, get_effect(name)))
+        found[name] = (rows["vector"], rows["pixels"])
+    return found
+
+
+def are_kept(cache: DrapeCache, state: KeyedDrape, scene: SimulationScene, effects: Sequence[str]) -> bool:
+    """Whether a state's own responses are at hand, those to all these effects included."""
+    keys = [_key("common", state, scene), _key("grip", state, scene)]
+    return all(cache.has(key) for key in (*keys, *(_effect_key(get_effect(name), state, scene) for name in effects)))
+
+
+def _key(what: str, state: KeyedDrape, scene: SimulationScene) -> str:
+    return content_key(what=what, responses=RESPONSES_VERSION, state=state.key, scene=scene)
+
+
+def _effect_key(effect: Effect, state: KeyedDrape, scene: SimulationScene) -> str:
+    changed = [effect.apply(scene, size) for size in nodes(effect)]
+    measured = {"pixels": PIXELS_VERSION} if effect.stage is Stage.SENSOR else {}
+    cells = {"fine": True} if effect.fine else {}
+    return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed, **measured, **cells)
+
+
+@dataclass
+class _Look:
+    """Renders and measures variations of one state, simulated when first asked for."""
+
+    simulator: Simulator
+    fabric: FabricParameters
+    scene: SimulationScene
+    state: KeyedDrape
+    picture: NDArray[np.float32]
+    reference: Reference
+    sparing: bool = False  # simulate the half sizes only, in any scene
+    fine: bool = False  # on the state's own mesh
+
+    @cached_property
+    def on_fine_cells(self) -> _Look:
+        """The same on the state's own mesh."""
+        return replace(self, fine=True)
+
+    @cached_property
+    def origin(self) -> KeyedDrape:
+        """The state on a mesh of twice the cell, where variations cost little; itself where it fell elsewhere."""
+        if self.fine:
+            return self.state
+        coarse = self.simulator.coarser(self.state, self.fabric, self.scene)
+        if not coarse.drape.ok or depth_rms(picture_of(coarse.drape, self.scene), self.picture) > COARSE_TOO_FAR_M:
+            return self.state
+        return coarse
+
+    @cached_property
+    def coarse(self) -> Reference:
+        return make_reference(self.origin.drape, smaller(self.scene), least_pixels=3)
+
+    @cached_property
+    def base(self) -> Array:
+        return self.vector(self.origin, self.scene)
+
+    @cached_property
+    def sensed(self) -> Features:
+        return sensed(self.picture, self.scene, self.reference)
+
+    def vector(self, drape: KeyedDrape, seen: SimulationScene) -> Array:
+        return measure(picture_of(drape.drape, smaller(seen)), self.coarse, with_pixels=False).vector()
+
+    def change(self, fabric: FabricParameters, scene: SimulationScene) -> Array:
+        """Of the vector when the state goes on with another fabric or scene."""
+        drape = self.origin
+        if fabric != self.fabric or (scene.setup, scene.mechanics) != (self.scene.setup, self.scene.mechanics):
+            drape = self.simulator.proceed(self.origin, fabric, scene)
+        return clean(self.vector(drape, scene) - self.base)
+
+    def common(self) -> dict[str, Array]:
+        """Parameters, pins and mesh."""
+        parameters = [self.change(_stepped(self.fabric, k), self.scene) / PARAMETER_STEP for k in range(7)]
+        pins = []
+        for name, place in self.scene.setup.pins_m.items():
+            for axis in range(2):
+                moved = (place[0] + PIN_STEP_M * (axis == 0), place[1] + PIN_STEP_M * (axis == 1), place[2])
+                scene = self.scene.with_setup(self.scene.setup.with_pins(**{name: moved}))
+                pins.append(self.change(self.fabric, scene) / PIN_STEP_M)
+        mesh = measure(picture_of(self.origin.drape, self.scene), self.reference, with_pixels=False).vector()
+        return {"parameters": np.stack(parameters), "pins": np.stack(pins), "mesh": clean(mesh)}
+
+    def grip(self) -> dict[str, Array]:
+        """Magnets that hold a point, or a patch where they are stated as points; on the fine mesh."""
+        setup = self.scene.setup
+        other = other_radius_m(setup, self.state.drape.mesh.resolution_m)
+        drape = self.simulator.proceed(
+            self.state, self.fabric, self.scene.with_setup(replace(setup, pin_radius_m=other))
+        )
+        return {"grip": clean(measure(picture_of(drape.drape, self.scene), self.reference, with_pixels=False).vector())}
+
+    def effect(self, effect: Effect) -> dict[str, Array]:
+        """One effect at all its nodes."""
+        sizes = nodes(effect)
+        still = np.zeros(len(self.sensed.pixels))
+        rows: dict[int, tuple[Array, Array]] = {}
+        sparing = self.sparing or self.scene.setup.scene.value == "hanging"
+        plan = shortcuts(effect) if self._mechanical(effect) and sparing else {}
+        for number, size in enumerate(sizes):
+            changed = effect.apply(self.scene, size)
+            if effect.stage is Stage.SENSOR:
+                features = sensed(self.picture, changed, self.reference)
+                moved = clean(features.vector() - self.sensed.vector())
+                rows[number] = (
+                    np.zeros_like(moved) if effect.white else moved,
+                    clean(features.pixels - self.sensed.pixels),
+                )
+            elif changed == self.scene:
+                rows[number] = (np.zeros(len(self.base)), still)
+            elif number not in plan:
+                look = self.on_fine_cells if effect.fine else self
+                rows[number] = (look.change(self.fabric, changed), still)
+        for number, (source, factor) in plan.items():
+            if number not in rows:
+                rows[number] = (factor * rows[source][0], still)
+        ordered = [rows[number] for number in range(len(sizes))]
+        return {"vector": np.stack([r[0] for r in ordered]), "pixels": np.stack([r[1] for r in ordered])}
+
+    def _mechanical(self, effect: Effect) -> bool:
+        return effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT)
+
+
+def other_radius_m(setup: Setup, cell_m: float) -> float:
+    """Of magnets that hold a point where the stated ones hold a patch on such cells, or a patch where a point [m]."""
+    return 0.0 if setup.pin_radius_m > 0.5 * cell_m else PATCH_RADIUS_M
+
+
+def smaller(scene: SimulationScene) -> SimulationScene:
+    """The scene seen by half as many pixels each way, for pictures without noise; unchanged where that is not whole."""
+    camera = scene.camera
+    if camera.width % 2 or camera.height % 2 or camera.width < 400:
+        return scene
+    return replace(scene, camera=camera.scaled(0.5))
+
+
+def _stepped(parameters: FabricParameters, index: int) -> FabricParameters:
+    values = parameters.as_array()
+    values[index] *= 1 + PARAMETER_STEP
+    return FabricParameters.from_array(values)
+
+
+def sensed(picture: NDArray[np.float32], scene: SimulationScene, reference: Reference) -> Features:
+    """Features of a simulated picture with the sensor's noise, always the same noise."""
+    noisy = scene.sensor.apply(picture, np.random.default_rng(0), camera=scene.camera)
+    return measure(noisy, reference)
+
+
+def clean(change: Array) -> Array:
+    """A change with zeros where nothing can be said."""
+    return np.where(np.isfinite(change), change, 0.0)

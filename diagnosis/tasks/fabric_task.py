@@ -1,0 +1,230 @@
+"""All simulations that the diagnosis of one fabric needs, in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.measurement.features import Features, measure
+from diagnosis.measurement.picture import picture_of
+from diagnosis.measurement.reference import Reference, make_reference
+from diagnosis.scene import SimulationScene
+from diagnosis.simulation.base_state import nearest_state
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.missed_folds import further_states, is_missed
+from diagnosis.simulation.responses import Responses, borrowed_responses
+from diagnosis.simulation.simulator import Cost, KeyedDrape, Simulator
+from diagnosis.simulation.warps import warp_responses
+from simcore.mechanics import Jitter
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+
+BASE_JITTER = Jitter(force_weights=1.0, pin_m=0.0, placement_m=0.02)
+BASE_SEEDS = {"hanging": 4, "stretch": 2}
+STATED_DENSITY_SIGMA = 0.02
+"""Relative uncertainty of a density that a set states without saying how well it is known."""
+AS_NEAR_AS_BEFORE = 1.1
+AS_NEAR_M = 0.0001
+"""A known state that is as near to a capture as to the repeat that led to it needs no search of its own."""
+
+
+@dataclass(frozen=True)
+class CaptureTask:
+    """One capture to explain.
+
+    Attributes:
+        id: of the capture.
+        repeat: its number.
+        depth: picture [m], float32 [H, W].
+        scene: the simulation that should give it, without effects.
+        sensor_known: the capture set states the sensor's noise and steps.
+        pose_known: it states the camera's pose; otherwise that was found in the pictures.
+    """
+
+    id: str
+    repeat: int
+    depth: NDArray[np.float32]
+    scene: SimulationScene
+    sensor_known: bool
+    pose_known: bool = True
+
+
+@dataclass(frozen=True)
+class FabricTask:
+    """One fabric with its captures.
+
+    Attributes:
+        id: of the fabric.
+        parameters: as stated (or estimated).
+        relative_sigma: stated relative uncertainty of each parameter, [7].
+        captures: its captures.
+        effects: names of the effects to try.
+        resolution_m: of the mesh.
+    """
+
+    id: str
+    parameters: FabricParameters
+    relative_sigma: tuple[float, ...]
+    captures: tuple[CaptureTask, ...]
+    effects: tuple[str, ...]
+    resolution_m: float = 0.01
+
+
+@dataclass(frozen=True)
+class CaptureResult:
+    """One capture's measurements and what explains them.
+
+    Attributes:
+        id, fabric, scene, repeat: of the capture.
+        measured: features of the capture against its base state.
+        responses: what parameters, pins, mesh and effects change.
+        reference: the base state's picture and cells.
+        rms_m: of the capture against the base state.
+        state: number of the base state among the fabric's and scene's; equal for repeats that fell into the same.
+        sensor_known: the set states the sensor.
+        base: the base state.
+        pose_known: the set states the camera's pose.
+        warps: see :func:`diagnosis.simulation.warps.warp_responses`.
+    """
+
+    id: str
+    fabric: str
+    scene: str
+    repeat: int
+    measured: Features
+    responses: Responses
+    reference: Reference
+    rms_m: float
+    state: int
+    sensor_known: bool
+    base: KeyedDrape
+    pose_known: bool
+    warps: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FabricResult:
+    """All captures of a fabric, and what it cost."""
+
+    task: FabricTask
+    captures: tuple[CaptureResult, ...]
+    cost: Cost = field(default_factory=Cost)
+
+
+@dataclass(frozen=True)
+class SeenState:
+    """A base state as one camera sees it, with what its variations look like."""
+
+    drape: KeyedDrape
+    scene: SimulationScene
+    reference: Reference
+    responses: Responses
+    warps: NDArray[np.float64]
+
+
+def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
+    """Simulate what could explain the captures of one fabric.
+
+    Raises:
+        SimulationError: no base state of a scene came to rest.
+    """
+    simulator = Simulator(cache)
+    results: list[CaptureResult] = []
+    for name in sorted({c.scene.setup.scene.value for c in task.captures}):
+        own = [c for c in task.captures if c.scene.setup.scene.value == name]
+        keys: list[str] = []
+        states: list[SeenState] = []
+        for capture, (drape, rms) in zip(own, find_states(simulator, task, own), strict=True):
+            if drape.key not in keys:
+                keys.append(drape.key)
+            state = next((s for s in states if s.drape.key == drape.key and s.scene == capture.scene), None)
+            if state is None:
+                state = see_state(simulator, task, capture.scene, drape)
+                states.append(state)
+            results.append(
+                CaptureResult(
+                    capture.id,
+                    task.id,
+                    name,
+                    capture.repeat,
+                    measure(capture.depth, state.reference),
+                    state.responses,
+                    state.reference,
+                    rms,
+                    keys.index(drape.key),
+                    capture.sensor_known,
+                    drape,
+                    capture.pose_known,
+                    state.warps,
+                )
+            )
+    return FabricResult(task, tuple(results), simulator.cost)
+
+
+def find_states(
+    simulator: Simulator, task: FabricTask, captures: Sequence[CaptureTask]
+) -> list[tuple[KeyedDrape, float]]:
+    """The fold state nearest to each of a scene's captures, and its distance from it [m].
+
+    Where one repeat is far from any, it is sought again among more (:mod:`diagnosis.simulation.missed_folds`).
+    """
+    found: dict[str, float] = {}
+    nearest = []
+    for capture in captures:
+        drape, rms = find_state(simulator, task, capture, found)
+        found[drape.key] = min(rms, found.get(drape.key, rms))
+        nearest.append((drape, rms))
+    distances = [rms for _, rms in nearest]
+    for number, capture in enumerate(captures):
+        if is_missed(distances[number], distances, capture.scene):
+            nearest[number] = find_state(simulator, task, capture, further=True)
+    return nearest
+
+
+def find_state(
+    simulator: Simulator,
+    task: FabricTask,
+    capture: CaptureTask,
+    found: dict[str, float] | None = None,
+    *,
+    further: bool = False,
+) -> tuple[KeyedDrape, float]:
+    """The fold state nearest to a capture, and its distance from it [m].
+
+    Args:
+        simulator, task, capture: what is looked for.
+        found: states that earlier repeats showed, by key, with their distance [m].
+        further: look among the states of more samples.
+    """
+    mesh = GridMesh(task.resolution_m, capture.scene.setup.sample_size_m)
+    bases = base_states(simulator, task.parameters, capture.scene, mesh)
+    if further:
+        bases += further_states(simulator, task.parameters, capture.scene, mesh)
+    enough = {key: AS_NEAR_AS_BEFORE * rms + AS_NEAR_M for key, rms in (found or {}).items()}
+    return nearest_state(simulator, task.parameters, capture.scene, capture.depth, bases, enough)
+
+
+def base_states(
+    simulator: Simulator, fabric: FabricParameters, scene: SimulationScene, mesh: GridMesh
+) -> list[KeyedDrape]:
+    """States put up from several seeds, before any capture is seen."""
+    seeds = range(BASE_SEEDS[scene.setup.scene.value])
+    return [simulator.put_up(mesh, fabric, scene, seed, BASE_JITTER) for seed in seeds]
+
+
+def see_state(simulator: Simulator, task: FabricTask, scene: SimulationScene, drape: KeyedDrape) -> SeenState:
+    """A state's picture and responses, simulated where they are not kept."""
+    reference = make_reference(drape.drape, scene)
+    picture = picture_of(drape.drape, scene)
+    responses = borrowed_responses(simulator, task.parameters, scene, drape, task.effects, picture, reference)
+    return SeenState(drape, scene, reference, responses, warp_responses(reference, scene.camera))
+
+
+def relative_sigma(parameters_cv: float | None, density_cv: float | None, fallback: float) -> tuple[float, ...]:
+    """Relative uncertainty of the seven parameters; ``fallback`` where none is stated."""
+    stretch = fallback if parameters_cv is None else parameters_cv
+    density = STATED_DENSITY_SIGMA if density_cv is None else density_cv
+    return (*[stretch] * 6, density)

@@ -1,0 +1,87 @@
+"""Tasks of captures that need not have been taken yet: what the set states about them is enough to simulate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from capture.capture_set import Capture, CaptureSet
+from diagnosis.scene import SimulationScene, pose_rows
+from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
+from diagnosis.tasks.meshing import cell_size, on_cells
+from diagnosis.tasks.preparation import prepare_tasks, sensor_known, sensor_model, stated_parameters
+from simcore.errors import InputError
+
+NAMED = 3
+"""So many absent pictures are named in a message."""
+
+
+def planned_tasks(captures: CaptureSet, effects: Sequence[str], resolution_m: float) -> list[FabricTask]:
+    """The tasks of :func:`diagnosis.tasks.preparation.prepare_tasks` for work that looks at no picture.
+
+    Where the set states all fabrics' parameters and density and the camera's pose, no picture is opened and none need
+    be there; the tasks' pictures hold no data. Otherwise what is missing is found in the pictures, as for a diagnosis.
+
+    Args:
+        captures: read with ``read_pictures=False`` where pictures may be absent.
+        effects: names of the effects to try.
+        resolution_m: wanted edge of a mesh cell.
+
+    Raises:
+        InputError: ``plan_incomplete``: pictures are absent and the set does not state what they would have to tell;
+            captures that cannot be used; a mesh that does not fit the sample.
+    """
+    wanting = _not_stated(captures)
+    if not wanting:
+        return [
+            _task(captures.of_fabric(name), effects, resolution_m)
+            for name in captures.fabrics
+            if captures.of_fabric(name)
+        ]
+    absent = [capture for capture in captures.captures if not capture.depth_path.exists()]
+    if absent:
+        names = ", ".join(capture.depth_path.name for capture in absent[:NAMED])
+        raise InputError(
+            f"{captures.folder}: {len(absent)} of {len(captures.captures)} pictures are not there "
+            f"({names}{', ...' if len(absent) > NAMED else ''}): before they are taken, captures.json must state "
+            f"{'; '.join(wanting)}",
+            code="plan_incomplete",
+        )
+    return prepare_tasks(captures, effects, resolution_m)[0]
+
+
+def _not_stated(captures: CaptureSet) -> list[str]:
+    """What pictures would have to tell, in words."""
+    wanting = []
+    for name, fabric in captures.fabrics.items():
+        missing = [key for key in ("parameters", "density") if getattr(fabric, key) is None]
+        if missing and captures.of_fabric(name):
+            wanting.append(f"{' and '.join(missing)} of fabric {name}")
+    unposed = [capture.id for capture in captures.captures if capture.camera_from_panel is None]
+    if unposed:
+        where = "setup" if len(unposed) == len(captures.captures) else f"the setup of {', '.join(unposed)}"
+        wanting.append(f"camera_from_panel in {where}")
+    return wanting
+
+
+def _task(own: Sequence[Capture], effects: Sequence[str], resolution_m: float) -> FabricTask:
+    """One fabric with everything stated."""
+    fabric = own[0].fabric
+    parameters, sigma = stated_parameters(fabric, (), [])
+    cell = cell_size(own[0].setup.sample_size_m, resolution_m)
+    items = tuple(_capture_task(capture, cell) for capture in own)
+    return FabricTask(fabric.id, parameters, sigma, items, tuple(effects), cell)
+
+
+def _capture_task(capture: Capture, cell_m: float) -> CaptureTask:
+    assert capture.camera_from_panel is not None
+    camera = capture.camera
+    scene = SimulationScene(
+        on_cells(capture.setup, cell_m),
+        camera=camera,
+        pose=pose_rows(capture.camera_from_panel),
+        sensor=sensor_model(capture.sensor, camera.depth_unit_m),
+    )
+    nothing = np.zeros((camera.height, camera.width), dtype=np.float32)
+    return CaptureTask(capture.id, capture.repeat, nothing, scene, sensor_known(capture))

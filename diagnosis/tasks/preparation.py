@@ -1,0 +1,207 @@
+"""From a capture set to the tasks of its diagnosis; what is missing is estimated or taken wide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from capture.capture_set import Capture, CaptureSet
+from capture.documents import FabricDocument, SensorDocument, SetupDocument
+from capture.normalise import NetworkInput
+from capture.prepare import PreparedCapture, prepare_all
+from diagnosis.scene import SimulationScene, pose_rows
+from diagnosis.tasks.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
+from diagnosis.tasks.meshing import cell_size, on_cells
+from renderer.depth import panel_depth
+from renderer.sensor import SensorModel
+from simcore.errors import InputError
+from simcore.parameters import ESTIMATED_NAMES, FabricParameters
+from simcore.scenes import Scene
+
+if TYPE_CHECKING:
+    from trainer.predict import Estimator
+
+UNKNOWN_SIGMA = 0.8
+"""Relative uncertainty of parameters that nothing is known of (linear responses are not good for more)."""
+UNKNOWN_DENSITY_SIGMA = 0.5
+LEAST_ESTIMATED_SIGMA = 0.15
+"""An estimate from the very captures that are to be explained takes part of an effect for the fabric."""
+STATED_SIGMA = 0.07
+"""Relative uncertainty of parameters that a set states without saying how well they are known."""
+TYPICAL_DENSITY_KG_M2 = 0.2
+AWAY_M, AWAY_SHARE = 0.1, 0.05
+"""What lies further behind or before the panel, in metres and as a share of its depth, is no panel, whatever the
+camera does."""
+CLOTH_RIM_PX = 3
+
+
+def prepare_tasks(
+    captures: CaptureSet, effects: Sequence[str], resolution_m: float
+) -> tuple[list[FabricTask], list[str]]:
+    """Tasks fabric by fabric, and what had to be assumed, in words.
+
+    Raises:
+        InputError: captures that cannot be used, or a mesh that does not fit the sample.
+    """
+    if not captures.captures:
+        raise InputError(f"{captures.folder}: the set lists no captures", code="no_captures")
+    prepared = {p.capture.id: p for p in prepare_all(captures.captures)}
+    assumed = list(not_stated(captures))
+    tasks = []
+    for fabric_id, fabric in captures.fabrics.items():
+        own = captures.of_fabric(fabric_id)
+        if not own:
+            continue
+        parameters, sigma = stated_parameters(fabric, [prepared[c.id] for c in own], assumed)
+        cell = cell_size(own[0].setup.sample_size_m, resolution_m)
+        items = []
+        for capture in own:
+            ready = prepared[capture.id]
+            scene = SimulationScene(
+                on_cells(capture.setup, cell),
+                camera=capture.camera,
+                pose=pose_rows(ready.registration.camera_from_panel),
+                sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m),
+            )
+            depth = (
+                without_surroundings(ready.depth, ready.region.mask, scene)
+                if capture.setup.panel
+                else np.where(ready.region.mask, ready.depth, np.float32(0.0))
+            )
+            posed = capture.camera_from_panel is not None
+            items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), posed))
+        assumed += _recut(fabric_id, own, items)
+        tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
+    if any(c.camera_from_panel is None for c in captures.captures):
+        assumed.append("the camera's pose was found in the pictures: errors of pose and axial sensor errors are hidden")
+    if not all(sensor_known(c) for c in captures.captures):
+        assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
+    return tasks, assumed
+
+
+def without_surroundings(
+    depth: NDArray[np.float32], cloth: NDArray[np.bool_], scene: SimulationScene
+) -> NDArray[np.float32]:
+    """A picture [m] without what is neither cloth nor panel: the simulated panel has no end, and nothing before it.
+
+    Args:
+        depth: of the capture [m], [H, W].
+        cloth: where it shows the cloth, bool [H, W].
+        scene: how the camera sees the panel.
+    """
+    panel = panel_depth(scene.camera, scene.camera_from_panel)
+    away = np.maximum(AWAY_M, AWAY_SHARE * panel)
+    near_cloth = ndimage.binary_dilation(cloth, iterations=CLOTH_RIM_PX)
+    other = (depth > panel + away) | ((depth < panel - away) & ~near_cloth)
+    return np.where(other, np.float32(0.0), depth)
+
+
+def not_stated(captures: CaptureSet) -> Iterator[str]:
+    """In words, what a set leaves open, so that usual values are taken: uncertainties, parts of the set-up."""
+    fabrics = [captures.fabrics[name] for name in dict.fromkeys(c.fabric.id for c in captures.captures)]
+    vague = [f.id for f in fabrics if f.parameters is not None and f.parameters_cv is None]
+    if vague:
+        yield f"parameters_cv is not stated ({', '.join(vague)}): parameters are taken as known to {STATED_SIGMA:.0%}"
+    vague = [f.id for f in fabrics if f.density is not None and f.density_cv is None]
+    if vague:
+        known = f"{STATED_DENSITY_SIGMA:.0%}"
+        yield f"density_cv is not stated ({', '.join(vague)}): densities are taken as known to {known}"
+    pins = sorted({c.scene.value for c in captures.captures if c.pins_from == "nominal"})
+    if pins:
+        yield f"pins_m is not stated ({', '.join(pins)}): pins are taken where they are nominally"
+    common = captures.document.setup or SetupDocument()
+    setups = [common.overridden_by(capture.document.setup) for capture in captures.captures]
+    if any(setup.pin_radius_m is None for setup in setups):
+        yield "pin_radius_m is not stated: magnets are taken to hold 10 mm round a corner"
+    if any(setup.sample_size_m is None for setup in setups):
+        yield "sample_size_m is not stated: samples are taken as 500 x 500 mm"
+
+
+def sensor_model(document: SensorDocument | None, depth_unit_m: float) -> SensorModel:
+    """The sensor as stated, its steps no finer than those in which pictures are kept; ideal where nothing is stated."""
+    if document is None:
+        return SensorModel()
+    return SensorModel(
+        range_noise_m=document.range_noise_m or 0.0,
+        at_m=document.at_m or 0.9,
+        quantisation_m=max(document.quantisation_m or 0.0, depth_unit_m),
+    )
+
+
+def _recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureTask]) -> list[str]:
+    """In words, samples that are simulated in another size, as whole cells want it."""
+    changed = {
+        (*capture.setup.sample_size_m, *task.scene.setup.sample_size_m): None
+        for capture, task in zip(captures, tasks, strict=True)
+        if capture.setup.sample_size_m != task.scene.setup.sample_size_m
+    }
+    return [
+        f"fabric {fabric_id}: the sample of {1e3 * a:.4g} x {1e3 * b:.4g} mm is simulated as "
+        f"{1e3 * c:.4g} x {1e3 * d:.4g} mm, in whole cells"
+        for a, b, c, d in changed
+    ]
+
+
+def sensor_known(capture: Capture) -> bool:
+    """The set states the sensor's noise."""
+    return capture.sensor is not None and capture.sensor.range_noise_m is not None
+
+
+def stated_parameters(
+    fabric: FabricDocument, prepared: Sequence[PreparedCapture], assumed: list[str]
+) -> tuple[FabricParameters, tuple[float, ...]]:
+    """A fabric's parameters and their relative uncertainty [7], as stated or estimated from its captures.
+
+    What had to be assumed is appended to ``assumed``.
+    """
+
+    def usable(name: str, cv: float) -> float:
+        if cv > UNKNOWN_SIGMA:
+            assumed.append(
+                f"fabric {fabric.id}: {name} {cv:g} is taken as {UNKNOWN_SIGMA}, the most that can be used (it is a "
+                "share: 0.07 for 7 %)"
+            )
+        return min(cv, UNKNOWN_SIGMA)
+
+    density, density_cv = fabric.density, fabric.density_cv
+    if density is None:
+        assumed.append(f"fabric {fabric.id}: no density; taken as {TYPICAL_DENSITY_KG_M2} kg/m², give or take a half")
+        density, density_cv = TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA
+    if density_cv is not None:
+        density_cv = usable("density_cv", density_cv)
+    if fabric.parameters is not None:
+        given = fabric.parameters.model_dump()
+        cv = STATED_SIGMA if fabric.parameters_cv is None else usable("parameters_cv", fabric.parameters_cv)
+        return FabricParameters.from_mapping({**given, "density": density}), relative_sigma(cv, density_cv, cv)
+    found = _estimator().estimate(_inputs(prepared), density)
+    spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]
+    if found.out_of_distribution:
+        spread = [max(value, UNKNOWN_SIGMA) for value in spread]
+    assumed.append(
+        f"fabric {fabric.id}: no parameters; estimated from its captures ({found.model_version}"
+        + (", which are unlike what the estimator knows)" if found.out_of_distribution else ")")
+    )
+    sigma = tuple(min(max(value, LEAST_ESTIMATED_SIGMA), UNKNOWN_SIGMA) for value in spread)
+    parameters = FabricParameters.from_mapping({**found.parameters, "density": density})
+    return parameters, (*sigma, STATED_DENSITY_SIGMA if density_cv is None else density_cv)
+
+
+@cache
+def _estimator() -> Estimator:
+    """The network that ships; loaded once."""
+    from trainer.predict import DEFAULT_MODEL, Estimator
+
+    return Estimator.load(DEFAULT_MODEL)
+
+
+def _inputs(prepared: Sequence[PreparedCapture]) -> dict[Scene | str, list[NetworkInput]]:
+    inputs: dict[Scene | str, list[NetworkInput]] = {}
+    for item in prepared:
+        inputs.setdefault(item.capture.scene, []).append(item.network_input)
+    return inputs
