@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.effects import get_effect
-from diagnosis.inference.noise import NoiseModel, feature_covariance, stacked_jacobian
+from diagnosis.inference.noise import NoiseModel, feature_covariance, sensor_variance, stacked_jacobian
 from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
 from diagnosis.tasks.fabric_task import CaptureResult
@@ -59,6 +59,7 @@ class Block:
         density: of the fabric [kg/m2]; NaN where it does not matter.
         grip: change from what the stated magnets hold to a point, or from a point to a patch [m], [n]; None
             where it is granted to each fabric as an error.
+        sensed: mean square of the stated view's whitened errors that is the noise of pixels.
     """
 
     fabric: str
@@ -73,6 +74,7 @@ class Block:
     warps: Array
     density: float = math.nan
     grip: Array | None = None
+    sensed: float = 0.0
 
     @property
     def views(self) -> tuple[View, View]:
@@ -103,6 +105,7 @@ def make_block(
         key: np.concatenate([c.responses.beside[key][0] for c in captures], axis=1)[:, seen]
         for key in _simulated_together(captures)
     }
+    pixels = np.concatenate([np.concatenate([sensor_variance(c), np.zeros(3)]) for c in captures])
     sizes = [c.reference.count + 3 for c in captures]
     owner = np.repeat(np.arange(len(sizes)), sizes)[seen]
     wide = [max(s, model.wide_sigma) for s in sigma[:6]] + [sigma[6]]
@@ -123,6 +126,7 @@ def make_block(
         np.concatenate([c.warps for c in captures], axis=1)[:, seen],
         density,
         np.concatenate([c.responses.grip for c in captures])[seen] if model.grip_alike else None,
+        float(np.mean(whiten(views[0], np.diag(np.sqrt(pixels[seen]))) ** 2) * seen.sum()),
     )
 
 

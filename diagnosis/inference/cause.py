@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,10 +15,12 @@ from diagnosis.groups import NOT_EFFECTS
 from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.inference.evidence import Evidence, Table, tabulate, tabulate_nothing
 from diagnosis.inference.holds import held, holds_of, log_weights, over_holds, tried_with_two
+from diagnosis.inference.larger import larger_than_chance
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.one_fabric import by_more_than_one
-from diagnosis.inference.pairs import AsHeld, Pair, beyond_the_first, weigh_pairs
+from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, weigh_pairs
 from diagnosis.inference.something_beside import something_beside
+from diagnosis.inference.subtract import without, without_both
 from diagnosis.inference.unknown import tabulate_unknown
 
 Array = NDArray[np.float64]
@@ -172,12 +174,28 @@ def name_cause(
     found = [p for p in tried if p.evidence.log_evidence > evidence[p.first].log_evidence + SECOND_NATS]
     if pairs and len({block.fabric for block in blocks}) > 1:
         besides = something_beside(effects, blocks, pixels, model, evidence, shares, found)
-        known = evidence["unknown"].log_evidence + np.log1p(-REMAINDER_SHARE)
+        nothing = evidence["none"].log_evidence
+        larger = larger_than_chance(as_held, _said(blocks, evidence, found))
+        known = max(evidence["unknown"].log_evidence, nothing + larger) + np.log1p(-REMAINDER_SHARE)
         total = float(np.logaddexp(known, besides + np.log(REMAINDER_SHARE)))
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
     two = [beyond_the_first(pair, evidence) for pair in tried]
     found = [pair for pair in two if pair.evidence.log_evidence > evidence[pair.first].log_evidence + SECOND_NATS]
     return replace(_weigh(shares, evidence, found, prior), tried=tuple(tried))
+
+
+def _said(
+    blocks: Sequence[Block], evidence: Mapping[str, Evidence], pairs: Sequence[Pair]
+) -> Iterator[tuple[float, list[Block] | None]]:
+    """What the best effects, alone and two together, gain over nothing, and the blocks without them."""
+    nothing = evidence["none"].log_evidence
+    names = sorted((n for n in evidence if n not in NOT_EFFECTS), key=lambda n: -evidence[n].log_evidence)
+    for name in names[:FIRST_EFFECTS]:
+        scatter = get_effect(name).random_repeats
+        left = None if scatter else [without(block, name, evidence[name].size) for block in blocks]
+        yield evidence[name].log_evidence - nothing, left
+    for pair in pairs:
+        yield pair.evidence.log_evidence - nothing, without_both(blocks, pair.sizes)
 
 
 def _tables(effects: Sequence[str], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> list[Table]:

@@ -97,11 +97,15 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
         own = slice(starts[a], starts[a + 1])
         pins = first.responses.pins * model.pin_m
         total[own, own] += pins.T @ pins
-        pixel = np.exp(2 * np.nan_to_num(first.measured.pixels[0], nan=-6.9))
-        variance = model.floor_m**2 + pixel / np.maximum(first.measured.weight, 1)
-        diagonal = np.concatenate([variance, np.full(3, model.plane_m**2)])
+        diagonal = np.concatenate([model.floor_m**2 + sensor_variance(first), np.full(3, model.plane_m**2)])
         total[own, own][np.diag_indices(sizes[a])] += diagonal
     return np.asarray(total)
+
+
+def sensor_variance(capture: CaptureResult) -> Array:
+    """Of each cell's mean, by the noise of its pixels [m²], [cells + ring]."""
+    pixel = np.exp(2 * np.nan_to_num(capture.measured.pixels[0], nan=-6.9))
+    return np.asarray(pixel / np.maximum(capture.measured.weight, 1))
 
 
 def stacked_jacobian(captures: Sequence[CaptureResult], sigma: Sequence[float]) -> Array:

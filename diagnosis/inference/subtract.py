@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -66,6 +66,16 @@ def without(block: Block, name: str, size: Mapping[str, float]) -> Block:
     source = as_seen(block, name, size)
     stated, wide = (_without(view, response_to(view.responses, *source)) for view in block.views)
     return replace(block, stated=stated, wide=wide)
+
+
+def without_both(blocks: Sequence[Block], sizes: Mapping[str, Mapping[str, float]]) -> list[Block]:
+    """Blocks without one effect or two, of these sizes; of two, what each does beside the other where that is known."""
+    left = list(blocks)
+    if len(sizes) == 2:
+        left = [together(block, *sizes) for block in left]
+    for name, size in sizes.items():
+        left = [without(block, name, size) for block in left]
+    return left
 
 
 def _without(view: View, response: Array) -> View:

@@ -26,7 +26,9 @@ def block(fabric: int, scene: str, measured: np.ndarray, responses: dict[str, np
     view = View(measured, responses, {}, 0.001 * np.eye(COUNT), 0.0)
     owner, cell = np.repeat([0, 1], COUNT // 2), np.tile(np.arange(COUNT // 2), 2)
     still = np.zeros((4, COUNT))
-    return Block(f"f{fabric}", scene, ("a", "b"), view, view, cell, owner, np.zeros((7, COUNT)), still, still)
+    return Block(
+        f"f{fabric}", scene, ("a", "b"), view, view, cell, owner, np.zeros((7, COUNT)), still, still, sensed=1.0
+    )
 
 
 def a_set(name: str, size: dict[str, float], shown: range, scene: str = "stretch") -> tuple[list[Block], PixelBlock]:

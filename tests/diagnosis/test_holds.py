@@ -41,7 +41,9 @@ def fabrics(shares: Sequence[float], size: dict[str, float] | None = None) -> li
         view = View(measured, rows, {}, UNIT_M * np.eye(COUNT), 0.0)
         owner, cell = np.repeat([0, 1], COUNT // 2), np.tile(np.arange(COUNT // 2), 2)
         still = np.zeros((4, COUNT))
-        own = Block(f"f{fabric}", "stretch", ("a", "b"), view, view, cell, owner, np.zeros((7, COUNT)), still, still)
+        own = Block(
+            f"f{fabric}", "stretch", ("a", "b"), view, view, cell, owner, np.zeros((7, COUNT)), still, still, sensed=1.0
+        )
         blocks.append(replace(own, grip=UNIT_M * grip))
     return blocks
 
