@@ -126,7 +126,7 @@ def make_block(
         np.concatenate([c.warps for c in captures], axis=1)[:, seen],
         density,
         np.concatenate([c.responses.grip for c in captures])[seen] if model.grip_alike else None,
-        float(np.mean(whiten(views[0], np.diag(np.sqrt(pixels[seen]))) ** 2) * seen.sum()),
+        float(np.mean((whiten(views[0], np.diag(np.sqrt(pixels[seen]))) ** 2).sum(axis=0))),
     )
 
 

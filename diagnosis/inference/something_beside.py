@@ -16,15 +16,21 @@ from diagnosis.inference.evidence import Evidence
 from diagnosis.inference.likelihood import LikelihoodModel, some_off
 from diagnosis.inference.pairs import FIRST_EFFECTS, Pair
 from diagnosis.inference.remainder import Mixture
-from diagnosis.inference.subtract import as_seen, pixels_together, pixels_without, responses_at_place, together, without
+from diagnosis.inference.said_again import UNSAID, is_said_again
+from diagnosis.inference.subtract import (
+    as_seen,
+    beside_each_other,
+    pixels_without,
+    pixels_without_both,
+    responses_at_place,
+    without_both,
+)
 
 Array = NDArray[np.float64]
 TOLERATED = 0.7
 """Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
 CHANGED = 0.5
 """A shared number is explained by what changes it by more than this share of how far it is off."""
-SAID, UNSAID = 0.5, 0.35
-"""One effect, or two, that gain more than this share of what a mixture gains, and leave less than this, explain it."""
 
 
 def something_beside(
@@ -69,7 +75,7 @@ def something_beside(
                 continue
             if is_said_again(float(left.max()), float(still.max()), gained):
                 unsaid = min(unsaid, gained + mixture.evidence(still, beside=tolerated))
-            numbers_left = some_off(_without_both(pixels, pair), model)
+            numbers_left = some_off(pixels_without_both(pixels, pair.sizes), model)
             if numbers_left < UNSAID * beside:
                 beside = min(beside, gained + numbers_left - allowed)
         found.append(own + either(unsaid, beside) + np.log(0.5 * shares[name] / rest))
@@ -81,39 +87,15 @@ def something_beside(
     return float(logsumexp(found))
 
 
-def _without_both(pixels: PixelBlock, pair: Pair) -> PixelBlock:
-    """The shared numbers less what two effects do to them."""
-    left = pixels_together(pixels, pair.first, pair.second)
-    for name in (pair.first, pair.second):
-        left = pixels_without(left, name, pair.sizes[name])
-    return left
-
-
 def _left_by(mixture: Mixture, blocks: Sequence[Block], sizes: Mapping[str, Mapping[str, float]]) -> Array:
     """What mixtures still gain beside effects of some sizes, by family.
 
     How these would change with their size counts for nothing, nor does how magnets hold.
     """
-    left, usable = list(blocks), [name for name in sizes if not get_effect(name).random_repeats]
-    if len(usable) == 2:
-        left = [together(block, *usable) for block in left]
-    simulated = left
-    for name in usable:
-        left = [without(block, name, sizes[name]) for block in left]
+    usable = [name for name in sizes if not get_effect(name).random_repeats]
     granted = []
-    for block in simulated:
+    for block in beside_each_other(blocks, usable):
         hold = np.zeros((0, len(block.owner))) if block.grip is None else whiten(block.stated, block.grip[:, None]).T
         own = [responses_at_place(block.stated.responses, *as_seen(block, name, sizes[name])) for name in usable]
         granted.append(np.concatenate([hold, *own]))
-    return mixture.gain([block.stated.measured for block in left], granted)
-
-
-def is_said_again(alone: float, left: float, gained: float) -> bool:
-    """Whether a mixture says of a set what one effect, or two, say too: their responses are among what it is mixed of.
-
-    Args:
-        alone: what the mixture gains without them.
-        left: the same beside them.
-        gained: by them [all in nats, against nothing].
-    """
-    return alone > 0.0 and gained > SAID * alone and left < UNSAID * alone
+    return mixture.gain([block.stated.measured for block in without_both(blocks, sizes)], granted)

@@ -68,11 +68,14 @@ def without(block: Block, name: str, size: Mapping[str, float]) -> Block:
     return replace(block, stated=stated, wide=wide)
 
 
+def beside_each_other(blocks: Sequence[Block], names: Sequence[str]) -> list[Block]:
+    """Blocks whose responses to two effects are those beside the other, where these were simulated; of one, as is."""
+    return [together(block, *names) for block in blocks] if len(names) == 2 else list(blocks)
+
+
 def without_both(blocks: Sequence[Block], sizes: Mapping[str, Mapping[str, float]]) -> list[Block]:
     """Blocks without one effect or two, of these sizes; of two, what each does beside the other where that is known."""
-    left = list(blocks)
-    if len(sizes) == 2:
-        left = [together(block, *sizes) for block in left]
+    left = beside_each_other(blocks, [name for name in sizes if not get_effect(name).random_repeats])
     for name, size in sizes.items():
         left = [without(block, name, size) for block in left]
     return left
@@ -96,6 +99,14 @@ def pixels_together(pixels: PixelBlock, name: str, other: str) -> PixelBlock:
 def _together(known: Known, name: str, other: str) -> Known:
     key = next((key for key in ((name, other), (other, name)) if key in known.beside), None)
     return known if key is None else replace(known, responses=known.responses | {key[0]: known.beside[key]})
+
+
+def pixels_without_both(pixels: PixelBlock, sizes: Mapping[str, Mapping[str, float]]) -> PixelBlock:
+    """The numbers that all captures share without two effects, of these sizes."""
+    left = pixels_together(pixels, *sizes)
+    for name, size in sizes.items():
+        left = pixels_without(left, name, size)
+    return left
 
 
 def pixels_without(pixels: PixelBlock, name: str, size: Mapping[str, float]) -> PixelBlock:

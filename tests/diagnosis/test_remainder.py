@@ -19,8 +19,8 @@ from diagnosis.inference.changes import line_forms, rim_forms
 from diagnosis.inference.evidence import Evidence
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.remainder import BY_CHANCE_NATS, Mixture
+from diagnosis.inference.said_again import is_said_again
 from diagnosis.inference.smooth_modes import smooth_modes
-from diagnosis.inference.something_beside import is_said_again
 from diagnosis.inference.subtract import responses_at_place, without
 from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.measurement.reference import CELLS, cell_centres
