@@ -10,6 +10,7 @@ from functools import partial
 from capture.capture_set import CaptureSet
 from diagnosis.afresh.beside import look_beside
 from diagnosis.afresh.fresh import FreshLook, Sized
+from diagnosis.afresh.further import look_further
 from diagnosis.afresh.grip import Grip, judge_grip, with_other_grip
 from diagnosis.afresh.once import once
 from diagnosis.afresh.refinement import look_again
@@ -198,6 +199,7 @@ class _Conclusion:
         if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
             looks = look_again(looks, partial(self.weigh, noise=noise), scene, self.workers)
+            looks = look_further(looks, partial(self.weigh, noise=noise), name, scene, self.workers)
             likely = name([look.result for look in looks.values()])
             held = judge_grip(looks, likely, self.workers) if spent is None else None
             if held is not None and held.otherwise:

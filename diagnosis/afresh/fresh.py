@@ -258,8 +258,9 @@ def freshen(look: FreshLook, candidates: Sequence[Sized], scene: str) -> FabricR
     cameras = [(name, size) for name, size in candidates if moves_camera(name)]
     captures = []
     for capture in look.result.captures:
+        capture = _seen_through(look, capture, cameras)
         if capture.scene == scene:
-            capture = in_nearest_folds(look, _seen_through(look, capture, cameras), solved)
+            capture = in_nearest_folds(look, capture, solved)
         names = [n for n in look.sizes if capture.scene == scene or not get_effect(n).moves_cloth]
         captures.append(replace(capture, responses=bent(look, capture, names)))
     return replace(look.result, captures=tuple(captures))

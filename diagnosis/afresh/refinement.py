@@ -46,7 +46,7 @@ def look_again(
     Returns:
         The same fabrics with responses that pass through the fresh simulations.
     """
-    search = _Search(weigh, scene, workers)
+    search = Search(weigh, scene, workers)
     now = search.rounds(looks)
     cause = weigh([look.result for look in now.values()], None)
     further = search.unseen(candidates(cause, TRIAL_NATS)) if leader(cause) is None else []
@@ -58,8 +58,15 @@ def look_again(
 
 
 @dataclass
-class _Search:
-    """What was simulated so far, at which sizes."""
+class Search:
+    """Fresh simulations of effects, each at about one size once.
+
+    Attributes:
+        weigh: see :data:`Weigh`.
+        scene: whose captures are looked at.
+        workers: that simulate fabrics side by side.
+        seen: sizes that were simulated so far, by effect.
+    """
 
     weigh: Weigh
     scene: str

@@ -21,7 +21,7 @@ from diagnosis.inference.one_fabric import by_more_than_one
 from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, weigh_pairs
 from diagnosis.inference.something_beside import something_beside
 from diagnosis.inference.subtract import without, without_both
-from diagnosis.inference.unknown import tabulate_unknown
+from diagnosis.inference.unknown import tabulate_unknown, without_repeated
 
 Array = NDArray[np.float64]
 SECOND_NATS = 2.0
@@ -176,8 +176,10 @@ def name_cause(
         besides = something_beside(effects, blocks, pixels, model, evidence, shares, found)
         nothing = evidence["none"].log_evidence
         larger = larger_than_chance(as_held, _said(blocks, evidence, found))
-        known = max(evidence["unknown"].log_evidence, nothing + larger) + np.log1p(-REMAINDER_SHARE)
-        total = float(np.logaddexp(known, besides + np.log(REMAINDER_SHARE)))
+        unsaid = without_repeated(tables[1], tables[0], besides.repeated).weigh(blocks, reference, model)
+        known = by_more_than_one(unsaid, alone["none"]).log_evidence
+        known = max(known, nothing + larger) + np.log1p(-REMAINDER_SHARE)
+        total = float(np.logaddexp(known, besides.evidence + np.log(REMAINDER_SHARE)))
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
     two = [beyond_the_first(pair, evidence) for pair in tried]
     found = [pair for pair in two if pair.evidence.log_evidence > evidence[pair.first].log_evidence + SECOND_NATS]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import f as f_distribution
 
-from diagnosis.effect import SCALAR, Effect
+from diagnosis.effect import SCALAR, Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, View, whiten
 from diagnosis.inference.intervals import all_inside, size_interval
@@ -150,20 +150,26 @@ def tabulate(
         as_simulated: responses have no other form (:func:`diagnosis.simulation.sizes.response_forms`).
     """
     kind = "scatter" if effect.random_repeats else "cloth" if effect.moves_cloth else effect.stage.value
-    table = replace(_tabulate_one(effect, blocks, pixels, model, as_simulated), share=SIZE_SHARES[kind])
-    if not effect.moves_cloth:
-        return table
-    if seen is None:
+    if seen is None and (effect.moves_cloth or effect.stage is Stage.CAMERA):
         seen = [float(still.max()) for still in tabulate_nothing(blocks, pixels, model).blocks]
+    table = replace(_tabulate_one(effect, blocks, pixels, model, as_simulated, seen), share=SIZE_SHARES[kind])
+    if not effect.moves_cloth and not (effect.stage is Stage.CAMERA and model.rough):
+        return table
+    assert seen is not None
     own = zip(blocks, table.blocks, seen, strict=True)
     return replace(table, blocks=tuple(or_unmoved(b.scene, value, still, model) for b, value, still in own))
 
 
 def _tabulate_one(
-    effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, as_simulated: bool
+    effect: Effect,
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    as_simulated: bool,
+    seen: Sequence[float] | None,
 ) -> Table:
     if effect.vector:
-        return _tabulate_vector(effect, blocks, pixels, model)
+        return _tabulate_vector(effect, blocks, pixels, model, seen)
     if effect.random_repeats:
         return _tabulate_scatter(effect, blocks, pixels, model)
     return _tabulate_scalar(effect, blocks, pixels, model, as_simulated or not effect.moves_cloth)
@@ -311,34 +317,41 @@ def _scatter_contradicted(block: Block) -> float:
     return min(0.0, float(f_distribution.logpdf(between / within, *freedom) - f_distribution.logpdf(1.0, *freedom)))
 
 
-def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
+def _tabulate_vector(
+    effect: Effect,
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    seen: Sequence[float] | None = None,
+) -> Table:
     """Response linear in each direction, Gaussian prior, Laplace's approximation at the best of several fits.
 
-    The fit begins in every orthant, because a component's response forward is another one than backward.
+    The fit begins in every orthant, because a component's response forward is another one than backward. ``seen``: of
+    each block, log likelihood in folds in which the effect may not show; None: it shows in all.
     """
     count = len(effect.components)
     prior_sigma = 1.2 * vector_step(effect) / np.sqrt(count)
     found: list[tuple[float, int, Array, Array, tuple[Array, ...], Array, float]] = []
     for signs in product((1.0, -1.0), repeat=count):
-        size, hessian = _fit_vector(effect, blocks, pixels, model, np.array(signs) * 1e-9 * prior_sigma)
+        size, hessian = _fit_vector(effect, blocks, pixels, model, seen, np.array(signs) * 1e-9 * prior_sigma)
         weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
         values = []
         for block in blocks:
             views, scene = block.views, block.scene
             rows = [view_log_likelihood(v, v.responses[effect.name], weights[None], scene, model) for v in views]
             values.append(over_views(np.stack(rows), model))
-        seen = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
+        shared = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
         occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
         occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
         occam += float(fading(next(iter(effect.components.values())), np.array(max(np.linalg.norm(size), 1e-12))))
-        total = float(sum(value.sum() for value in values) + seen.sum() + occam)
-        found.append((total, len(found), size, hessian, tuple(values), seen, occam))
-    _, _, size, hessian, by_block, seen, occam = max(found)
+        total = float(sum(value.sum() for value in values) + shared.sum() + occam)
+        found.append((total, len(found), size, hessian, tuple(values), shared, occam))
+    _, _, size, hessian, by_block, shared, occam = max(found)
     sigma = np.sqrt(np.diag(np.linalg.inv(hessian)))
     return Table(
         effect.name,
         by_block,
-        seen,
+        shared,
         np.array([occam]),
         ({n: float(s) for n, s in zip(effect.components, size, strict=True)},),
         {n: float(d) for n, d in zip(effect.components, sigma, strict=True)},
@@ -346,24 +359,48 @@ def _tabulate_vector(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock
 
 
 def _fit_vector(
-    effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel, size: Array
+    effect: Effect,
+    blocks: Sequence[Block],
+    pixels: PixelBlock,
+    model: LikelihoodModel,
+    seen: Sequence[float] | None,
+    size: Array,
 ) -> tuple[Array, Array]:
-    """Size and the Hessian there, by least squares with robust weights, repeated from a first size."""
+    """Size and the Hessian there, by least squares with robust weights, repeated from a first size.
+
+    Blocks count as far as the effect shows in them at the size before.
+    """
     step, count = vector_step(effect), len(effect.components)
     prior_sigma = 1.2 * step / np.sqrt(count)
-    hessian = np.eye(count)
+    hessian, shown = np.eye(count), np.ones(len(blocks))
     for _ in range(12):
         own = np.where(size >= 0, np.arange(count), np.arange(count, 2 * count))
         way = (np.where(size >= 0, 1.0, -1.0) / step)[:, None]
         shared = way * pixels.responses[effect.name][own]
         hessian = np.eye(count) / prior_sigma**2 + shared @ shared.T
         right = shared @ pixels.measured
-        for block in blocks:
+        for block, part in zip(blocks, shown, strict=True):
             view = block.stated
             columns = way * view.responses[effect.name][own]
             residual = view.measured - size @ columns
-            weight = model.dimension_share / max(float(residual @ residual) / len(residual), 0.3)
+            weight = part * model.dimension_share / max(float(residual @ residual) / len(residual), 0.3)
             hessian += weight * columns @ columns.T
             right += weight * columns @ view.measured
         size = np.linalg.solve(hessian, right)
+        if seen is not None:
+            shown = _shown(effect, blocks, model, seen, size)
     return size, hessian
+
+
+def _shown(
+    effect: Effect, blocks: Sequence[Block], model: LikelihoodModel, seen: Sequence[float], size: Array
+) -> Array:
+    """Probability that a vector effect of some size shows in each block, [blocks]."""
+    weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
+    found = []
+    for block, still in zip(blocks, seen, strict=True):
+        view, moved = block.stated, model.moved(block.scene)
+        value = view_log_likelihood(view, view.responses[effect.name], weights[None], block.scene, model)[0]
+        hidden = np.log(moved) + still if moved > 0.0 else -np.inf
+        found.append(float(np.exp(np.log1p(-moved) + value - np.logaddexp(np.log1p(-moved) + value, hidden))))
+    return np.array(found)

@@ -73,6 +73,11 @@ class LikelihoodModel:
         patience = self.patience(scene)
         return np.asarray(patience * np.sign(nats) * np.log1p(np.abs(nats) / patience))
 
+    @property
+    def rough(self) -> bool:
+        """Responses are not yet trusted in any scene."""
+        return self.moved_stretch > 0.0
+
     def moved(self, scene: str) -> float:
         """Of a block of this scene."""
         return self.moved_hanging if scene == "hanging" else self.moved_stretch

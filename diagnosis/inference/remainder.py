@@ -95,17 +95,23 @@ class Mixture:
         known = {name: max(0.0, most(name, rows)) for name, rows in self.described.items()}
         return np.array([most(name, rows) - known.get(name, 0.0) for name, rows in self.families.items()])
 
-    def evidence(self, gains: Array, *, beside: float | None = None) -> float:
+    def shows_in_pictures(self, gains: Array) -> bool:
+        """Warps of the pictures that are the same for all fabrics gain more than by chance; gains by family."""
+        return float(gains[list(self.families).index("picture")]) > BY_CHANCE_NATS["picture"]
+
+    def evidence(self, gains: Array, *, beside: float | None = None, exact: bool = False) -> float:
         """Log evidence of a mixture, whichever family it is of, over that without.
 
         Args:
             gains: by family.
             beside: so much of each may be there beside an effect; None: without one, what chance gives.
+            exact: the effect's own warp of the pictures is known exactly: of these no more than by chance is there.
         """
         single = np.array([name != ALL for name in self.families])
         share = np.where(single, SINGLE_SHARE / single.sum(), 1.0 - SINGLE_SHARE)
         chance = np.array([BY_CHANCE_NATS[name] for name in self.families])
-        return float(logsumexp(gains - (chance if beside is None else beside), b=share))
+        plain = np.array([beside is None or (exact and name == "picture") for name in self.families])
+        return float(logsumexp(gains - np.where(plain, chance, beside or 0.0), b=share))
 
     def _beyond(self, bases: Sequence[Array]) -> Mixture:
         """Without what each block's orthonormal columns span."""

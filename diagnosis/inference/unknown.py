@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,17 @@ def tabulate_unknown(blocks: Sequence[Block], pixels: PixelBlock, model: Likelih
     share = 0.5 * NUMBERS_SHARE
     prior = np.log(np.concatenate([form * (1.0 - NUMBERS_SHARE), form * share, [share]]))
     return Table("unknown", tuple(values), seen, prior, ({},) * len(prior))
+
+
+def without_repeated(unknown: Table, nothing: Table, nats: float) -> Table:
+    """Less what shared numbers that are off say only again.
+
+    Args:
+        unknown, nothing: tables of both.
+        nats: see :class:`diagnosis.inference.something_beside.Beside`.
+    """
+    wild = unknown.pixels > nothing.pixels.max()
+    return replace(unknown, pixels=np.where(wild, unknown.pixels - nats, unknown.pixels))
 
 
 def _larger_errors(block: Block, model: LikelihoodModel) -> Array:

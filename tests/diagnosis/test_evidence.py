@@ -13,7 +13,7 @@ from diagnosis.effect import SCALAR
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.cause import name_cause
-from diagnosis.inference.evidence import tabulate
+from diagnosis.inference.evidence import tabulate, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel, feature_covariance
 from diagnosis.simulation.sizes import FITTED_SHARE, node_weights, nodes
@@ -109,6 +109,24 @@ def test_a_vector_answers_backward_otherwise_than_forward() -> None:
     blocks, pixels = a_set("camera_translation", size, range(FABRICS))
     found = tabulate(effect, blocks, pixels, LikelihoodModel()).sizes[0]
     np.testing.assert_allclose([found[c] for c in size], list(size.values()), atol=0.001)
+
+
+def test_folds_that_took_up_a_moved_camera_do_not_set_its_size() -> None:
+    """Samples in ``hanging`` do not show it at all; their states were sought through the camera as stated."""
+    effect, size = get_effect("camera_translation"), {"tx": -0.009, "ty": 0.004, "tz": 0.002}
+    shown, pixels = a_set("camera_translation", size, range(FABRICS))
+    hidden, _ = a_set("camera_translation", size, range(0), "hanging")
+    model, blocks = (
+        LikelihoodModel(),
+        [*shown, *(replace(b, fabric=a.fabric) for a, b in zip(shown, hidden, strict=True))],
+    )
+    table = tabulate(effect, blocks, pixels, model)
+    np.testing.assert_allclose([table.sizes[0][c] for c in size], list(size.values()), atol=0.001)
+    nothing = tabulate_nothing(blocks, pixels, model)
+    rough = tabulate(effect, blocks, pixels, replace(model, moved_stretch=0.05))
+    for own, first, still in zip(table.blocks[FABRICS:], rough.blocks[FABRICS:], nothing.blocks[FABRICS:], strict=True):
+        assert float(own[0] - still[0]) < -10.0  # they speak against it in the end
+        assert float(first[0] - still[0]) > np.log(model.moved_hanging) - 0.1  # and not before they were sought with it
 
 
 def test_in_hanging_a_response_that_is_contradicted_costs_no_more_than_folds_that_moved() -> None:

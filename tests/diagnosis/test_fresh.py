@@ -19,6 +19,7 @@ from diagnosis.inference.unknown import unknown_shape
 from diagnosis.measurement.reference import CELLS
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.sizes import node_weights, nodes
+from diagnosis.tasks.fabric_task import CaptureResult, FabricResult
 from simcore.scenes import Setup
 
 
@@ -172,3 +173,32 @@ def test_a_copy_learns_without_the_first_one_knowing() -> None:
     copy.together["crease", "draft"].append([])
     assert (first.found, first.begun, first.sizes, first.coarse) == ({"state": {}}, {}, {"crease": []}, {})
     assert (first.beside, first.together) == ({"capture": {}}, {("crease", "draft"): []})
+
+
+def test_folds_of_both_scenes_are_sought_through_a_camera_that_may_stand_elsewhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Those on the cloth are simulated for one scene alone."""
+    camera, seen, solved = ("camera_translation", {"tx": 0.003, "ty": 0.0, "tz": 0.0}), [], []
+
+    def through(look: Any, capture: Any, cameras: Any) -> Any:
+        seen.append((capture.id, [name for name, _ in cameras]))
+        return capture
+
+    def nearest(look: Any, capture: Any, candidates: Any) -> Any:
+        solved.append((capture.id, [name for name, _ in candidates]))
+        return capture
+
+    monkeypatch.setattr(fresh, "_seen_through", through)
+    monkeypatch.setattr(fresh, "in_nearest_folds", nearest)
+    monkeypatch.setattr(fresh, "bent", lambda look, capture, names: sorted(names))
+    captures = tuple(
+        CaptureResult(scene, "f1", scene, 0, *(None,) * 3, 0.0, 0, True, None, True, None)  # type: ignore[arg-type]
+        for scene in ("hanging", "stretch")
+    )
+    result: Any = FabricResult(None, captures)  # type: ignore[arg-type]
+    look = FreshLook(Any, result)  # type: ignore[arg-type]
+    found = fresh.freshen(look, [TILT, camera], "stretch")
+    assert seen == [("hanging", ["camera_translation"]), ("stretch", ["camera_translation"])]
+    assert solved == [("stretch", ["panel_tilt"])]
+    assert [c.responses for c in found.captures] == [["camera_translation"], ["camera_translation", "panel_tilt"]]

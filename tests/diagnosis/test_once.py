@@ -19,6 +19,7 @@ def test_the_same_results_are_weighed_once_and_changed_ones_again() -> None:
     results: list[Any] = [SimpleNamespace(), SimpleNamespace()]
     assert answer(results).number == answer(list(results)).number == 1
     assert answer([results[0], SimpleNamespace()]).number == 2
-    assert answer(results).number == 3
-    assert answer(results[:1]).number == 4
-    assert asked == [2, 2, 2, 1]
+    assert answer(results).number == 1  # a trial that changes nothing goes back to it
+    assert answer(results[:1]).number == 3
+    assert answer(results).number == 4  # two are kept
+    assert asked == [2, 2, 1, 2]

@@ -16,12 +16,14 @@ from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.changes import line_forms, rim_forms
-from diagnosis.inference.evidence import Evidence
-from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.evidence import Evidence, tabulate_nothing
+from diagnosis.inference.likelihood import LikelihoodModel, some_off
 from diagnosis.inference.remainder import BY_CHANCE_NATS, Mixture
 from diagnosis.inference.said_again import is_said_again
 from diagnosis.inference.smooth_modes import smooth_modes
-from diagnosis.inference.subtract import responses_at_place, without
+from diagnosis.inference.something_beside import something_beside
+from diagnosis.inference.subtract import pixels_without, responses_at_place, without
+from diagnosis.inference.unknown import tabulate_unknown, without_repeated
 from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.measurement.reference import CELLS, cell_centres
 from diagnosis.simulation.sizes import node_weights, nodes
@@ -250,6 +252,57 @@ def test_a_number_that_no_named_effect_changes_is_something_unknown(
     cause = name_cause((*EFFECTS, "dropout"), blocks, off)
     assert set(cause.named) == {("", "air_draft", "dropout")[n] for n in named}
     assert named or cause.top == "unknown"
+
+
+def test_numbers_that_an_effect_explains_say_nothing_unknown() -> None:
+    """Of what they say for something unknown alone, no more than what the effect gains, and what it leaves, stays."""
+    blocks, model = fabrics(range(0), None), LikelihoodModel()
+    rows = {n: np.zeros((len(nodes(get_effect(n))), len(PLANE_NAMES))) for n in EFFECTS}
+    rows["air_draft"][:, 2] = 80.0
+    pixels = PixelBlock(np.array([0.0, 0.0, 80.0]), rows, sensor_known=False)
+    evidence = dict(name_cause(EFFECTS, blocks, pixels, model, pairs=False).evidence)
+    nothing, numbers = evidence["none"].log_evidence, some_off(pixels, model)
+    left = some_off(pixels_without(pixels, "air_draft", evidence["air_draft"].size), model)
+    assert numbers > 15.0 and left < 0.0
+
+    def repeated(gained: float) -> float:
+        own = replace(evidence["air_draft"], log_evidence=nothing + gained)
+        found = evidence | {"air_draft": own}
+        shares = dict.fromkeys(found, 0.25)
+        return something_beside(EFFECTS, blocks, pixels, model, found, shares, []).repeated
+
+    assert repeated(0.6 * numbers) == pytest.approx(0.4 * numbers - left)
+    assert repeated(0.4 * numbers) == 0.0  # it gains too little
+    wild, calm = tabulate_unknown(blocks, pixels, model), tabulate_nothing(blocks, pixels, model)
+    less = without_repeated(wild, calm, 5.0).pixels - wild.pixels
+    assert set(less.tolist()) == {0.0, -5.0} and less[-1] == -5.0
+
+
+@pytest.mark.parametrize(("left", "named"), [(1.0, ("camera_translation",)), (7.0, ())])
+def test_a_camera_leaves_no_warp_that_all_fabrics_share(
+    left: float, named: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it does to pictures is known exactly: a focal length that is off looks like a camera moved, but for that."""
+    rng, size = np.random.default_rng(3), {"tx": 0.006, "ty": -0.004, "tz": 0.0}
+    effect, blocks = get_effect("camera_translation"), []
+    for block in fabrics(range(0), None):
+        rows = 2.0 * rng.standard_normal((len(nodes(effect)), COUNT))
+        measured = block.stated.measured + node_weights(effect, size) @ rows
+        view = replace(block.stated, measured=measured, responses=block.stated.responses | {"camera_translation": rows})
+        blocks.append(replace(block, stated=view, wide=view))
+    still = {**quiet().responses, "camera_translation": np.zeros((len(nodes(effect)), 1))}
+    pixels, names = PixelBlock(np.zeros(1), still, sensor_known=False), (*EFFECTS, "camera_translation")
+    gained = name_cause(names, blocks, pixels, pairs=False).evidence
+    nats = gained["camera_translation"].log_evidence - gained["none"].log_evidence
+
+    moved = len(responses_at_place(blocks[0].stated.responses, "camera_translation", size))
+
+    def gain(self: Mixture, given: object, granted: Sequence[np.ndarray]) -> np.ndarray:
+        value = left if len(granted[0]) == moved else 1.9 * nats
+        return np.array([value if name == "picture" else 0.0 for name in self.families])
+
+    monkeypatch.setattr(Mixture, "gain", gain)
+    assert name_cause(names, blocks, pixels).named == named
 
 
 def test_a_weaker_effect_beside_a_strong_one_is_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:

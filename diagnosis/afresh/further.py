@@ -1,0 +1,60 @@
+"""Before something unknown is blamed, the catalogue's effects on the cloth are simulated on trial."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical, moves_camera
+from diagnosis.afresh.once import Weigh as Name
+from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Search, Weigh, leader
+from diagnosis.effects import get_effect
+from diagnosis.inference.cause import Cause
+from diagnosis.workers import ALONE, Workers
+
+FURTHER = 6
+"""So many effects on the cloth are simulated on trial."""
+TRIAL_LOOKS = FURTHER + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
+"""Simulations of effects for a capture, at most: on trial, and in rounds where that shows more."""
+
+
+def look_further(
+    looks: Mapping[str, FreshLook], weigh: Weigh, name: Name, scene: str, workers: Workers = ALONE
+) -> dict[str, FreshLook]:
+    """The catalogue's likeliest effects on the cloth on trial, where something unknown is the answer.
+
+    Coarse responses from folds that hold no effect can hide even a strong one, above all beside another on the camera.
+    What the trial shows counts only where it lets one of these effects be named.
+
+    Args:
+        looks: by fabric, as :func:`look_again` leaves them.
+        weigh: see :data:`Weigh`.
+        name: the answer from results, two effects together included.
+        scene: whose captures are looked at again.
+        workers: that simulate fabrics side by side.
+
+    Returns:
+        The same fabrics; as they were where something unknown is not the answer or the trial does not change that.
+    """
+    results = [look.result for look in looks.values()]
+    cause = name(results)
+    if cause.top != "unknown":
+        return dict(looks)
+    search = Search(weigh, scene, workers)
+    for sized, sizes in next(iter(looks.values())).sizes.items():
+        search.seen[sized] = list(sizes)
+    first = leader(cause)
+    shown = None if first is None or is_mechanical(get_effect(first)) else (first, cause.evidence[first].size)
+    further = search.unseen(on_the_cloth(weigh(results, shown)))[:FURTHER]
+    if not further:
+        return dict(looks)
+    through = () if shown is None or not moves_camera(shown[0]) else (shown,)
+    trial = search.simulated({key: look.copy() for key, look in looks.items()}, further, through)
+    trial = search.rounds(trial)
+    found = name([look.result for look in trial.values()])
+    return trial if {tried for tried, _ in further} & set(found.named) else dict(looks)
+
+
+def on_the_cloth(cause: Cause) -> list[Sized]:
+    """All effects on the cloth that can be simulated again, the likeliest first, at their best usual sizes."""
+    able = [e for e in cause.evidence.values() if e.usual and is_mechanical(get_effect(e.name))]
+    return [(e.name, e.usual) for e in sorted(able, key=lambda e: -e.usual_evidence)]

@@ -1,0 +1,85 @@
+"""Before something unknown is the answer, more of the catalogue is simulated on trial."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from diagnosis.afresh.further import FURTHER, look_further
+
+CLOTH = ("air_draft", "crease", "edge_curl", "hem_weight", "off_grain", "panel_adhesion", "panel_tilt", "pin_drop")
+"""From the likeliest to the least likely."""
+SIZE = {"magnitude": 5.0}
+MOVED = {"tx": 0.003, "ty": 0.0, "tz": 0.0}
+
+
+def cause_of(top: str, leader: str | None = None, named: tuple[str, ...] = ()) -> Any:
+    """Something unknown ahead of what leads among the effects, or another answer."""
+    nats = {name: -5.0 - n for n, name in enumerate(CLOTH)} | {"none": 0.0, "unknown": 9.0}
+    places = {"crease": {"down": 1.0, "position": 0.5}, "edge_curl": {"width_m": 0.025}}
+    sizes = {name: SIZE | places.get(name, {}) for name in CLOTH} | {"none": {}, "unknown": {}}
+    if leader is not None:
+        nats[leader], sizes[leader] = 4.0, sizes.get(leader, MOVED if leader == "camera_translation" else SIZE)
+
+    def entry(name: str) -> Any:
+        return SimpleNamespace(
+            name=name, usual_evidence=nats[name], usual=sizes[name], size=sizes[name], log_evidence=0
+        )
+
+    return SimpleNamespace(
+        top=top, named=named, evidence={name: entry(name) for name in nats}, probabilities=nats | {"unknown": 99.0}
+    )
+
+
+def a_trial(top: str, leader: str | None, then: tuple[str, ...]) -> tuple[list[list[str]], list[Any], Any, bool]:
+    """What was simulated, through which cameras and beside what it was chosen; whether the trial was kept."""
+    simulated, through, beside = [], [], []
+    first, other = (SimpleNamespace(result=name, sizes={"air_draft": [SIZE]}) for name in ("before", "after"))
+    first.copy = lambda: SimpleNamespace(result="copied", sizes={})
+
+    class Simulating:
+        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
+            assert all(item is not first for item in items)  # it would learn what is only on trial
+            simulated.append([name for name, _ in work.keywords["wanted"]])
+            through.append(work.keywords["through"])
+            return [other]
+
+    def weigh(results: list[str], found: Any) -> Any:
+        if results == ["before"]:
+            beside.append(found)
+        return cause_of("none") if results == ["after"] else cause_of("unknown", leader)
+
+    def name(results: list[str]) -> Any:
+        return cause_of(top, leader) if results == ["before"] else cause_of("", None, then)
+
+    looks: Any = {"f1": first}
+    kept = look_further(looks, weigh, name, "stretch", Simulating())  # type: ignore[arg-type]
+    return simulated, through, beside, kept["f1"] is other  # type: ignore[comparison-overlap]
+
+
+def test_where_something_unknown_is_the_answer_the_likeliest_are_tried_that_were_not_simulated() -> None:
+    simulated, through, beside, kept = a_trial("unknown", None, ("panel_tilt",))
+    assert simulated[0] == list(CLOTH[1 : 1 + FURTHER]) and kept  # the draft was simulated at this size
+    assert through[0] == () and beside[0] is None
+
+
+@pytest.mark.parametrize("then", [(), ("depth_bias",), ("air_draft",)])
+def test_a_trial_that_lets_none_of_these_be_named_changes_nothing(then: tuple[str, ...]) -> None:
+    assert not a_trial("unknown", None, then)[3]
+
+
+@pytest.mark.parametrize("top", ["none", "panel_tilt"])
+def test_another_answer_needs_no_trial(top: str) -> None:
+    assert a_trial(top, None, ("panel_tilt",)) == ([], [], [], False)
+
+
+def test_beside_a_camera_that_leads_they_are_chosen_and_simulated_through_it() -> None:
+    _, through, beside, kept = a_trial("unknown", "camera_translation", ("panel_tilt", "camera_translation"))
+    assert beside[0] == ("camera_translation", MOVED) and through[0] == (("camera_translation", MOVED),) and kept
+
+
+def test_beside_an_effect_on_the_cloth_that_leads_they_are_chosen_alone() -> None:
+    assert a_trial("unknown", "panel_tilt", ())[2][0] is None
