@@ -1,4 +1,4 @@
-"""Before something unknown is blamed, the catalogue's effects on the cloth are simulated on trial."""
+"""Where much stays unexplained, the catalogue's effects on the cloth are simulated on trial."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from diagnosis.afresh.once import Weigh as Name
 from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Search, Weigh, leader
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
+from diagnosis.inference.larger import PLAIN
 from diagnosis.workers import ALONE, Workers
 
 FURTHER = 6
@@ -20,7 +21,7 @@ TRIAL_LOOKS = FURTHER + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
 def look_further(
     looks: Mapping[str, FreshLook], weigh: Weigh, name: Name, scene: str, workers: Workers = ALONE
 ) -> dict[str, FreshLook]:
-    """The catalogue's likeliest effects on the cloth on trial, where something unknown is the answer.
+    """The catalogue's likeliest effects on the cloth on trial, where the answer leaves much unexplained.
 
     Coarse responses from folds that hold no effect can hide even a strong one, above all beside another on the camera.
     What the trial shows counts only where it lets one of these effects be named.
@@ -33,11 +34,11 @@ def look_further(
         workers: that simulate fabrics side by side.
 
     Returns:
-        The same fabrics; as they were where something unknown is not the answer or the trial does not change that.
+        The same fabrics; as they were where all is explained or the trial names none of the effects that are tried.
     """
     results = [look.result for look in looks.values()]
     cause = name(results)
-    if cause.top != "unknown":
+    if not leaves_much(cause):
         return dict(looks)
     search = Search(weigh, scene, workers)
     for sized, sizes in next(iter(looks.values())).sizes.items():
@@ -52,6 +53,17 @@ def look_further(
     trial = search.rounds(trial)
     found = name([look.result for look in trial.values()])
     return trial if {tried for tried, _ in further} & set(found.named) else dict(looks)
+
+
+def leaves_much(cause: Cause) -> bool:
+    """Something unknown is the answer, or camera and sensor alone are named and most fabrics differ by more than that.
+
+    What these change is known well; what an effect on the cloth leaves may be its own, simulated less well.
+    """
+    if cause.top == "unknown":
+        return True
+    cloth = any(get_effect(name).moves_cloth for name in cause.named)
+    return bool(cause.named) and not cloth and cause.left is not None and cause.left > PLAIN
 
 
 def on_the_cloth(cause: Cause) -> list[Sized]:

@@ -15,7 +15,7 @@ from diagnosis.groups import NOT_EFFECTS
 from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.inference.evidence import Evidence, Table, tabulate, tabulate_nothing
 from diagnosis.inference.holds import held, holds_of, log_weights, over_holds, tried_with_two
-from diagnosis.inference.larger import larger_than_chance
+from diagnosis.inference.larger import larger_than_chance, usual_square
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.one_fabric import by_more_than_one
 from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, weigh_pairs
@@ -81,6 +81,8 @@ class Cause:
         tried: all pairs that were, those included that explain no more than one effect.
         pair_probability: of all pairs.
         alone: what of the probabilities is not a pair's.
+        left: mean square of what the most probable explanation leaves in most fabrics
+            (:func:`diagnosis.inference.larger.usual_square`); None where that was not looked at.
     """
 
     probabilities: Mapping[str, float]
@@ -90,6 +92,7 @@ class Cause:
     pair_probability: float = 0.0
     alone: Mapping[str, float] = field(default_factory=dict)
     tried: tuple[Pair, ...] = ()
+    left: float | None = None
 
     @property
     def top(self) -> str:
@@ -183,7 +186,15 @@ def name_cause(
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
     two = [beyond_the_first(pair, evidence) for pair in tried]
     found = [pair for pair in two if pair.evidence.log_evidence > evidence[pair.first].log_evidence + SECOND_NATS]
-    return replace(_weigh(shares, evidence, found, prior), tried=tuple(tried))
+    cause = replace(_weigh(shares, evidence, found, prior), tried=tuple(tried))
+    return replace(cause, left=_left_by(cause, as_held)) if pairs else cause
+
+
+def _left_by(cause: Cause, ways: Sequence[Sequence[Block]]) -> float | None:
+    """What the named effects leave in most fabrics, by the way magnets may hold that leaves least."""
+    sizes = {name: cause.size(name) for name in cause.named if not get_effect(name).random_repeats}
+    left = [usual_square(without_both(blocks, sizes)) for blocks in ways]
+    return min((square for square in left if square is not None), default=None)
 
 
 def _said(

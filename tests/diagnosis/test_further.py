@@ -16,7 +16,7 @@ SIZE = {"magnitude": 5.0}
 MOVED = {"tx": 0.003, "ty": 0.0, "tz": 0.0}
 
 
-def cause_of(top: str, leader: str | None = None, named: tuple[str, ...] = ()) -> Any:
+def cause_of(top: str, leader: str | None = None, named: tuple[str, ...] = (), left: float | None = None) -> Any:
     """Something unknown ahead of what leads among the effects, or another answer."""
     nats = {name: -5.0 - n for n, name in enumerate(CLOTH)} | {"none": 0.0, "unknown": 9.0}
     places = {"crease": {"down": 1.0, "position": 0.5}, "edge_curl": {"width_m": 0.025}}
@@ -30,11 +30,17 @@ def cause_of(top: str, leader: str | None = None, named: tuple[str, ...] = ()) -
         )
 
     return SimpleNamespace(
-        top=top, named=named, evidence={name: entry(name) for name in nats}, probabilities=nats | {"unknown": 99.0}
+        top=top,
+        named=named,
+        left=left,
+        evidence={name: entry(name) for name in nats},
+        probabilities=nats | {"unknown": 99.0},
     )
 
 
-def a_trial(top: str, leader: str | None, then: tuple[str, ...]) -> tuple[list[list[str]], list[Any], Any, bool]:
+def a_trial(
+    top: str, leader: str | None, then: tuple[str, ...], first_named: tuple[str, ...] = (), left: float | None = None
+) -> tuple[list[list[str]], list[Any], Any, bool]:
     """What was simulated, through which cameras and beside what it was chosen; whether the trial was kept."""
     simulated, through, beside = [], [], []
     first, other = (SimpleNamespace(result=name, sizes={"air_draft": [SIZE]}) for name in ("before", "after"))
@@ -53,7 +59,7 @@ def a_trial(top: str, leader: str | None, then: tuple[str, ...]) -> tuple[list[l
         return cause_of("none") if results == ["after"] else cause_of("unknown", leader)
 
     def name(results: list[str]) -> Any:
-        return cause_of(top, leader) if results == ["before"] else cause_of("", None, then)
+        return cause_of(top, leader, first_named, left) if results == ["before"] else cause_of("", None, then)
 
     looks: Any = {"f1": first}
     kept = look_further(looks, weigh, name, "stretch", Simulating())  # type: ignore[arg-type]
@@ -74,6 +80,24 @@ def test_a_trial_that_lets_none_of_these_be_named_changes_nothing(then: tuple[st
 @pytest.mark.parametrize("top", ["none", "panel_tilt"])
 def test_another_answer_needs_no_trial(top: str) -> None:
     assert a_trial(top, None, ("panel_tilt",)) == ([], [], [], False)
+
+
+@pytest.mark.parametrize(
+    ("named", "left", "tried"),
+    [
+        ("camera_translation", 1.2, True),
+        ("sensor_smoothing", 1.2, True),
+        ("camera_translation", 0.3, False),
+        ("camera_translation", None, False),  # too few fabrics
+        ("panel_tilt", 1.2, False),  # what it leaves may be its own
+    ],
+)
+def test_where_a_camera_or_sensor_alone_leaves_much_others_are_tried(
+    named: str, left: float | None, tried: bool
+) -> None:
+    simulated, _, beside, kept = a_trial(named, named, (named, "hem_weight"), (named,), left)
+    assert bool(simulated) is kept is tried
+    assert not tried or beside[0][0] == named
 
 
 def test_beside_a_camera_that_leads_they_are_chosen_and_simulated_through_it() -> None:
