@@ -10,7 +10,7 @@ import pytest
 
 from capture.capture_set import CaptureSet
 from diagnosis.afresh import refinement
-from diagnosis.atlas import ATLAS_FILE, forecast, open_atlas
+from diagnosis.atlas import ATLAS_FILE, Forecast, forecast, open_atlas
 from diagnosis.diagnose import DiagnosisOptions
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
@@ -96,11 +96,19 @@ def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     scene = SimulationScene(Setup.nominal("stretch"))
     capture = CaptureTask("c", 0, np.zeros((2, 2), np.float32), scene, True)
     fabric = FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2)
-    found = forecast([FabricTask("f", fabric, (0.1,) * 7, (capture,), ("air_draft", "range_noise"))], DrapeCache(None))
+
+    def costs(*effects: str) -> Forecast:
+        return forecast([FabricTask("f", fabric, (0.1,) * 7, (capture,), effects)], DrapeCache(None))
+
+    found = costs("air_draft", "range_noise")
     put_up, parameters, pins, draft, beside = 2, 8, 6, 4, 2
     led, looked_at, pairs = 1, 2 * (3 + 2) + 3 + 2 * (3 + 2), 3 * 2  # in rounds, on trial, in rounds again
+    further = 6 + 2 * (3 + 2)  # before something unknown is blamed, and in rounds again
     missed = 12 + 12 + 3  # more samples put up, their magnets brought home, the nearest led on
-    assert found.most_simulations == put_up + parameters + pins + draft + beside + led + looked_at + pairs + missed
+    alone = put_up + parameters + pins + draft + beside + led
+    assert found.most_simulations == alone + looked_at + further + pairs + missed
+    through_a_camera = costs("air_draft", "range_noise", "camera_rotation")
+    assert through_a_camera.most_simulations == found.most_simulations + 2 * 3  # three led on, in each of two rounds
     assert found.simulations == put_up + parameters + pins + draft + led + 3
 
 
