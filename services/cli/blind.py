@@ -34,7 +34,9 @@ def make(
     pool: int = typer.Option(5, "--pool", help="Different fabrics in the whole check; sets share their simulations."),
     resolution: float = typer.Option(0.5 / 60, "--resolution", help="Edge of a mesh cell [m]; not the diagnosis's."),
     scenes: str = typer.Option("hanging,stretch", "--scenes", help="Of every set, comma-separated."),
-    withhold: list[str] = typer.Option([], "--withhold", help="Effect that the data has and the diagnosis lacks."),
+    withhold: list[str] = typer.Option(
+        [], "--withhold", help="Effects that the data has and the diagnosis lacks, comma-separated."
+    ),
     plan_only: bool = typer.Option(False, "--plan-only", help="Only the plan: `blind score --make` makes the cases."),
     json_output: bool = JSON,
 ) -> None:
@@ -42,11 +44,12 @@ def make(
 
     \b
     Example:
-      drapemeter blind make 20 check/ --seed 7 --withhold hem_weight
+      drapemeter blind make 20 check/ --seed 7 --withhold hem_weight,crease
     """
     from diagnosis.blind.make import BlindPlan, case_maker, make_blind_check
 
-    plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, tuple(withhold), tuple(scenes.split(",")))
+    left_out = tuple(name.strip() for text in withhold for name in text.split(",") if name.strip())
+    plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, left_out, tuple(scenes.split(",")))
     plan.check()
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder", code="output_is_file")
@@ -58,7 +61,7 @@ def make(
             make_blind_check(out, plan, on_case=bar.advance)
     if json_output:
         made = 0 if plan_only else cases
-        console.emit_json({"cases": cases, "made": made, "out": str(out), "seed": seed, "withhold": list(withhold)})
+        console.emit_json({"cases": cases, "made": made, "out": str(out), "seed": seed, "withhold": list(left_out)})
         return
     if plan_only:
         console.say(f"the plan of {cases} capture sets is in {out}: `drapemeter blind score {out} --make` makes them")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
@@ -70,7 +71,6 @@ def make(
       drapemeter study make library.json --name pilot --triplets 20
       drapemeter study make --photographs photos/ library.json
     """
-    from metric.triplets import check_plan
     from services.cli.metric_options import check_resolution
     from services.web.study_create import create_study
 
@@ -79,18 +79,18 @@ def make(
         raise InputError(f"the seed must be from 0 to 2147483647, got {seed}", code="seed_out_of_range")
     if not 0 <= shared <= triplets:
         raise InputError(f"--shared must be from 0 to --triplets, {triplets}; got {shared}", code="triplets_shared")
-    with open_database(database) as opened:
-        entries = _entries(
-            name,
-            library,
-            photographs,
-            triplets,
-            simulations=simulations,
-            resolution=resolution,
-            seed=seed,
-            workers=workers,
-        )
-        check_plan(len(entries), triplets)
+    entries_of = _shown(
+        name,
+        library,
+        photographs,
+        triplets,
+        simulations=simulations,
+        resolution=resolution,
+        seed=seed,
+        workers=workers,
+    )
+    with open_database(database) as opened:  # it makes a file: what is asked for is known to be possible by now
+        entries = entries_of()
         store = create_study(opened, name, entries, triplets=triplets, shared=shared, seed=seed)
     if json_output:
         console.emit_json({"study": store.study.id, "fabrics": len(entries), "triplets": triplets, "shared": shared})
@@ -223,8 +223,10 @@ def export(
         console.say(f"{len(rows)} answers in {out}")
 
 
-def _entries(name: str, library: Path | None, photographs: Path | None, triplets: int, **plan: Any) -> list[StudyEntry]:
-    """What is shown of each fabric; names and whether so many can be asked about are checked before simulating."""
+def _shown(
+    name: str, library: Path | None, photographs: Path | None, triplets: int, **plan: Any
+) -> Callable[[], list[StudyEntry]]:
+    """What makes the pictures of each fabric; names and whether so many can be asked about are checked at once."""
     from metric.library import load_library
     from metric.triplets import check_plan
     from services.web.study_create import check_names
@@ -233,7 +235,9 @@ def _entries(name: str, library: Path | None, photographs: Path | None, triplets
     known = load_library(library) if library is not None else []
     check_names(name, [fabric.id for fabric in known])
     if photographs is not None:
-        return entries_from_photographs(photographs, known)
+        entries = entries_from_photographs(photographs, known)
+        check_plan(len(entries), triplets)
+        return lambda: entries
     if not known:
         raise InputError("give LIBRARY.json, --photographs, or both", code="study_empty")
     check_plan(len(known), triplets)
@@ -243,5 +247,9 @@ def _entries(name: str, library: Path | None, photographs: Path | None, triplets
     settings = SimulationPlan(
         simulations=plan["simulations"], resolution_m=plan["resolution"], seed=plan["seed"], workers=plan["workers"]
     )
-    with console.progress("simulating", 2 * settings.simulations * len(known)) as bar:
-        return entries_from_library(known, settings, renders=caches(True)[0], on_done=bar.advance)
+
+    def rendered() -> list[StudyEntry]:
+        with console.progress("simulating", 2 * settings.simulations * len(known)) as bar:
+            return entries_from_library(known, settings, renders=caches(True)[0], on_done=bar.advance)
+
+    return rendered

@@ -26,7 +26,7 @@ WORK = (
     "capture.prepare.prepare_all",
     "capture.sources.PngFolderSource.frames",
     "services.cli.train.run",
-    "services.cli.study._entries",
+    "services.web.study_pictures.entries_from_library",
     "services.dataset.inspection.inspect_store",
     "metric.search.search_library",
 )
@@ -75,6 +75,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("blind make 1 new --resolution 0.013", "resolution_does_not_divide"),
         ("blind make 1 new --scenes hanging,hanging --plan-only", "blind_plan"),
         ("blind make 1 file/check", "folder_unusable"),
+        ("blind make 1 new --withhold crease,wind --plan-only", "effect_unknown"),
         ("blind score check --page file/page.md", "folder_unusable"),
         ("blind score check --page in.md", "output_is_folder"),
         ("blind score check --train set", "blind_train"),
@@ -87,6 +88,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("rank p.json library.json --figure in.png", "output_is_folder"),
         ("study export study_0 --out in.csv", "output_is_folder"),
         ("study make library.json --shared 30", "triplets_shared"),
+        ("study make library.json", "fabrics_too_few"),
+        ("study make --photographs frames", "study_empty"),
         ("dataset inspect s.zarr --figures file/figures", "folder_unusable"),
     ],
 )
