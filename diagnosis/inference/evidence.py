@@ -24,6 +24,7 @@ from diagnosis.inference.likelihood import (
     view_log_likelihood,
 )
 from diagnosis.inference.smooth_modes import smooth_modes
+from diagnosis.inference.vector_fit import fit_vector
 from diagnosis.simulation.sizes import (
     fading,
     grid,
@@ -333,7 +334,7 @@ def _tabulate_vector(
     prior_sigma = 1.2 * vector_step(effect) / np.sqrt(count)
     found: list[tuple[float, int, Array, Array, tuple[Array, ...], Array, float]] = []
     for signs in product((1.0, -1.0), repeat=count):
-        size, hessian = _fit_vector(effect, blocks, pixels, model, seen, np.array(signs) * 1e-9 * prior_sigma)
+        size, hessian = fit_vector(effect, blocks, pixels, model, seen, np.array(signs) * 1e-9 * prior_sigma)
         weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
         values = []
         for block in blocks:
@@ -356,51 +357,3 @@ def _tabulate_vector(
         ({n: float(s) for n, s in zip(effect.components, size, strict=True)},),
         {n: float(d) for n, d in zip(effect.components, sigma, strict=True)},
     )
-
-
-def _fit_vector(
-    effect: Effect,
-    blocks: Sequence[Block],
-    pixels: PixelBlock,
-    model: LikelihoodModel,
-    seen: Sequence[float] | None,
-    size: Array,
-) -> tuple[Array, Array]:
-    """Size and the Hessian there, by least squares with robust weights, repeated from a first size.
-
-    Blocks count as far as the effect shows in them at the size before.
-    """
-    step, count = vector_step(effect), len(effect.components)
-    prior_sigma = 1.2 * step / np.sqrt(count)
-    hessian, shown = np.eye(count), np.ones(len(blocks))
-    for _ in range(12):
-        own = np.where(size >= 0, np.arange(count), np.arange(count, 2 * count))
-        way = (np.where(size >= 0, 1.0, -1.0) / step)[:, None]
-        shared = way * pixels.responses[effect.name][own]
-        hessian = np.eye(count) / prior_sigma**2 + shared @ shared.T
-        right = shared @ pixels.measured
-        for block, part in zip(blocks, shown, strict=True):
-            view = block.stated
-            columns = way * view.responses[effect.name][own]
-            residual = view.measured - size @ columns
-            weight = part * model.dimension_share / max(float(residual @ residual) / len(residual), 0.3)
-            hessian += weight * columns @ columns.T
-            right += weight * columns @ view.measured
-        size = np.linalg.solve(hessian, right)
-        if seen is not None:
-            shown = _shown(effect, blocks, model, seen, size)
-    return size, hessian
-
-
-def _shown(
-    effect: Effect, blocks: Sequence[Block], model: LikelihoodModel, seen: Sequence[float], size: Array
-) -> Array:
-    """Probability that a vector effect of some size shows in each block, [blocks]."""
-    weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
-    found = []
-    for block, still in zip(blocks, seen, strict=True):
-        view, moved = block.stated, model.moved(block.scene)
-        value = view_log_likelihood(view, view.responses[effect.name], weights[None], block.scene, model)[0]
-        hidden = np.log(moved) + still if moved > 0.0 else -np.inf
-        found.append(float(np.exp(np.log1p(-moved) + value - np.logaddexp(np.log1p(-moved) + value, hidden))))
-    return np.array(found)
