@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 ALL = "all"
 SINGLE = ("picture", "pins", "rim", "lines")
 """Families that are tried by themselves; smooth forms are not: another simulator shows one for no reason."""
-BY_CHANCE_NATS = {ALL: 6.0, "picture": 3.0, "pins": 3.0, "rim": 6.0, "lines": 2.0}
+BY_CHANCE_NATS = {ALL: 10.0, "picture": 3.0, "pins": 3.0, "rim": 6.0, "lines": 2.0}
 """A mixture may gain so much where nothing unknown is there: simulators differ for no reason, each time otherwise; a
 rim is lifted by curvatures of the catalogue, too, whose own responses may be of other folds."""
 SINGLE_SHARE = 0.5

@@ -62,7 +62,7 @@ class Judge:
             return np.zeros(len(block.owner))
         look = self.looks.get(block.fabric)
         if look is None:
-            return block.metres(_whitened(block, shown))
+            return block.metres(whitened(block, shown))
         own = {c.id: c for c in look.result.captures}
         changes = np.stack([look.change(own[name], shown) for name in block.captures])
         return np.asarray(changes[block.owner, block.cell])
@@ -90,10 +90,11 @@ def sized(cause: Cause) -> list[Sized]:
 
 def response_of(block: Block, cause: Cause) -> Array:
     """Whitened response of a block to the named effects at their fitted sizes, [n]."""
-    return _whitened(block, [(n, s) for n, s in sized(cause) if not get_effect(n).random_repeats])
+    return whitened(block, [(n, s) for n, s in sized(cause) if not get_effect(n).random_repeats])
 
 
-def _whitened(block: Block, effects: Sequence[Sized]) -> Array:
+def whitened(block: Block, effects: Sequence[Sized]) -> Array:
+    """Whitened response of a block to effects at some sizes, as far as it is known without a simulation, [n]."""
     total = np.zeros(len(block.stated.measured))
     for name, size in effects:
         if not get_effect(name).random_repeats:
@@ -290,7 +291,7 @@ def hold_out(
     """
     before = refit(block, np.zeros(len(block.owner)))
     after = refit(block, judge.response(block, effects))
-    control = refit(block, block.metres(_whitened(block, [rival] if rival else [])))
+    control = refit(block, block.metres(whitened(block, [rival] if rival else [])))
     repeats = block if whole is None else whole
     scattered = before.left if repeats is block else refit(repeats, np.zeros(len(repeats.owner))).left
     masks = region_of_cells(block.scene, cell_centres())

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
 
-from diagnosis.inference.block import Block
+from diagnosis.effect import SCALAR
+from diagnosis.effects import get_effect
+from diagnosis.inference.block import Block, View
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.evidence import Evidence
 from diagnosis.inference.pairs import Pair
 from diagnosis.report import Shrinkage
 from diagnosis.shrinkage.held_out import Held, Measured
 from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_needless, is_refuted, is_unshown, judged
+from diagnosis.simulation.sizes import nodes
 
 
 def shrinkage(fraction: float, high: float, *, afresh: bool = True) -> Shrinkage:
@@ -30,11 +31,18 @@ def shrinkage(fraction: float, high: float, *, afresh: bool = True) -> Shrinkage
     )
 
 
-def held(fabric: str, before: float, after: float) -> Held:
-    """A block of a fabric: distances [mm] before and after; 0.1 mm between repeats."""
-    squares = np.tile(np.array([before, after, 0.1, before]) ** 2, (2, 1))
-    block = cast(Block, SimpleNamespace(fabric=fabric))
-    return Held(block, (), squares, np.zeros(7), np.zeros(7))
+def held(fabric: str, before: float, after: float, camera: float | None = None) -> Held:
+    """A block of a fabric: distances [mm] before and after, with a camera's fault alone; 0.1 mm between repeats."""
+    squares = 1e-6 * np.tile(np.array([before, after, 0.1, before]) ** 2, (2, 1))
+    measured = before * np.where(np.arange(60) % 2, 1.0, -1.0)
+    size = nodes(get_effect("focal_scale"))[0]
+    rows = np.zeros((len(nodes(get_effect("focal_scale"))), 60))
+    rows[0] = measured * (1.0 - (before if camera is None else camera) / before)
+    view = View(measured, {"focal_scale": rows}, {}, 0.001 * np.eye(60), 0.0)
+    one, still = np.arange(60), np.zeros((8, 60))
+    block = Block(fabric, "stretch", ("a",), view, view, one, 0 * one, still[:7], still[:4], still)
+    effects = () if camera is None else (("focal_scale", size), ("stretch_stiffening", {SCALAR: 0.03}))
+    return Held(block, effects, squares, np.zeros(7), np.zeros(7))
 
 
 @pytest.mark.parametrize("high", [0.2, 1.0])
@@ -167,6 +175,13 @@ def test_a_second_effect_on_the_cloth_beside_one_on_the_sensor_shows_in_two_fabr
     assert not is_unshown(two_effects(unknown=0.02, first="pin_spacing"), measured)
     kept, _ = judged(cause, lambda of, known=False: measured)
     assert len(kept.named) == (1 if unshown else 2)
+
+
+@pytest.mark.parametrize(("camera", "unshown"), [(0.5, True), (1.0, False)])
+def test_what_the_camera_alone_brings_nearer_does_not_speak_for_a_second_effect(camera: float, unshown: bool) -> None:
+    known = tuple(held(f"f{number}", 2.0, 0.5, camera) for number in range(4))
+    cause = two_effects(unknown=0.02, first="focal_scale")
+    assert is_unshown(cause, Measured(shrinkage(0.9, 1.0), known)) is unshown
 
 
 def test_of_two_refuted_effects_the_one_that_stays_has_a_shrinkage_of_its_own() -> None:
