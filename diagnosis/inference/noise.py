@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 class NoiseModel:
     """Sizes of what is not in the simulation and yet no effect; lengths [m].
 
-    Fitted to sets with nothing in them, of this simulator and of others (decision 025).
+    Of the smooth errors, mesh and contact as sets with nothing in them have it, of this simulator and of others; among
+    sizes that these allow, those that let most known effects be named (decision 025).
 
     Attributes:
         floor_m: error of a cell's mean that is independent of everything.

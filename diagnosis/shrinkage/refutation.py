@@ -78,17 +78,21 @@ def is_unshown(cause: Cause, measured: Measured) -> bool:
         return False
     if not is_mechanical(get_effect(cause.pair.second)) or not measured.shrinkage.simulated_afresh or not measured.held:
         return False
-    beyond = _beyond(measured, cause.pair.first)
+    beyond = _beyond_still(measured)
     fabrics = _against(beyond)
     least = min(fabrics, key=lambda fabric: fabrics[fabric]) if len(fabrics) > 2 else None
     return fraction_of(_others(beyond, least)) < SHOWN
 
 
-def _beyond(measured: Measured, first: str) -> Measured:
-    """What is held out against simulations that have the first effect already, which moves no cloth."""
+def _beyond_still(measured: Measured) -> Measured:
+    """What is held out against simulations that already have what moves no cloth.
+
+    All of it: without what is held out, another effect on the camera may be named.
+    """
     held = []
     for one in measured.held:
-        alone = refit(one.block, one.block.metres(whitened(one.block, [e for e in one.effects if e[0] == first])))
+        still = [(name, size) for name, size in one.effects if not get_effect(name).moves_cloth]
+        alone = refit(one.block, one.block.metres(whitened(one.block, still)))
         squares = one.squares.copy()
         squares[-1, 0] = float(np.mean(alone.left**2))
         held.append(replace(one, squares=squares))

@@ -12,9 +12,7 @@ from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.larger import (
-    CALM,
     CALM_NATS,
-    PLAIN,
     PLAIN_NATS,
     larger_nats,
     larger_than_chance,
@@ -57,10 +55,11 @@ def named(blocks: Sequence[Block]) -> Cause:
 
 
 def test_odds_rise_from_calm_to_plain_and_no_further() -> None:
-    assert larger_nats(0.0) == larger_nats(0.7 * CALM) == CALM_NATS
-    odds = [larger_nats(square) for square in np.linspace(CALM, PLAIN, 5)]
+    assert larger_nats(0.0) == larger_nats(0.5) == CALM_NATS
+    odds = [larger_nats(square) for square in (0.6, 0.7, 0.9, 1.1, 1.3)]
     assert odds == sorted(odds) and odds[0] < 0.0 < odds[-1]
-    assert larger_nats(1.2 * PLAIN) == larger_nats(50.0) == pytest.approx(PLAIN_NATS)
+    assert larger_nats(0.68) < -2.0 and larger_nats(0.88) < 0.0  # the most where nothing is, decision 025
+    assert larger_nats(1.4) == larger_nats(50.0) == pytest.approx(PLAIN_NATS)
 
 
 def test_one_fabric_of_several_says_nothing() -> None:
@@ -77,11 +76,11 @@ def test_only_stretch_is_heard_and_what_pixels_noise_makes_of_it_is_not_counted(
 
 
 def test_the_way_magnets_hold_that_leaves_least_counts() -> None:
-    assert larger_than_chance([fabrics([PLAIN] * 3), fabrics([0.2] * 3)], []) == CALM_NATS
+    assert larger_than_chance([fabrics([1.3] * 3), fabrics([0.2] * 3)], []) == CALM_NATS
 
 
 def test_what_an_effect_explains_is_nothing_larger() -> None:
-    large, calm = fabrics([1.1 * PLAIN] * 4), fabrics([0.2] * 4)
+    large, calm = fabrics([1.4] * 4), fabrics([0.2] * 4)
     assert larger_than_chance([large], []) == PLAIN_NATS
     assert larger_than_chance([large], [(9.0, large)]) == PLAIN_NATS  # it leaves as much
     assert larger_than_chance([large], [(0.5, calm)]) == PLAIN_NATS  # it gains too little
@@ -92,7 +91,7 @@ def test_what_an_effect_explains_is_nothing_larger() -> None:
 def test_fabrics_that_all_differ_in_ways_of_their_own_are_unknown() -> None:
     assert named(fabrics([0.2] * 4)).probabilities["none"] > 0.9
     assert named(fabrics([0.2, 0.2, 0.2, 4.0])).top == "none"
-    large = named(fabrics([1.1 * PLAIN] * 4))
+    large = named(fabrics([1.4] * 4))
     assert large.top == "unknown" and large.probabilities["none"] < 0.3
 
 

@@ -182,6 +182,8 @@ def test_what_the_camera_alone_brings_nearer_does_not_speak_for_a_second_effect(
     known = tuple(held(f"f{number}", 2.0, 0.5, camera) for number in range(4))
     cause = two_effects(unknown=0.02, first="focal_scale")
     assert is_unshown(cause, Measured(shrinkage(0.9, 1.0), known)) is unshown
+    another = two_effects(unknown=0.02, first="camera_rotation")  # without what is held out, the focal length is named
+    assert is_unshown(another, Measured(shrinkage(0.9, 1.0), known)) is unshown
 
 
 def test_of_two_refuted_effects_the_one_that_stays_has_a_shrinkage_of_its_own() -> None:
