@@ -36,7 +36,10 @@ def count_crossings(vertices: Array, triangles: NDArray[np.int32]) -> int:
     count = 0
     for k in range(0, len(near), _CHUNK):
         edge, triangle = near["i"][k : k + _CHUNK], near["j"][k : k + _CHUNK]
-        apart = (edges[edge][:, :, None] != triangles[triangle][:, None, :]).all(axis=(1, 2))
+        apart = np.ones(len(edge), dtype=bool)
+        for end in range(2):
+            for corner in range(3):
+                apart &= edges[edge, end] != triangles[triangle, corner]
         count += int(pierces(vertices[edges[edge[apart]]], corners[triangle[apart]]).sum())
     return count
 

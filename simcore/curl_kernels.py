@@ -12,6 +12,7 @@ from simcore.membrane_kernels import (
     array3,
     array4,
     blocks4,
+    identity,
     ints1,
     ints3,
     mat3,
@@ -19,6 +20,7 @@ from simcore.membrane_kernels import (
     vectors3,
     vectors4,
 )
+from simcore.sum_kernels import add_up
 
 
 @ti.func
@@ -45,13 +47,7 @@ def curl_energies(which: ints1, x: vectors3, m: array4, parts: array3, out: arra
     for n, j, i in ti.ndrange(count, rows, columns):
         p, a, d = frame(x, m, n, which[n], j, i)
         parts[n, j, i] = -p.dot(d.cross(a).normalized())
-    ti.loop_config(serialize=ti.static(on_cpu()))
-    for n in range(count):
-        total = ti.cast(0.0, ti.f64)
-        for j in range(rows):
-            for i in range(columns):
-                total = total + parts[n, j, i]
-        out[n] = out[n] + total
+    add_up(parts, out)
 
 
 @ti.func
@@ -127,10 +123,10 @@ def curl_gradients(which: ints1, x: vectors3, m: array4, fixed: ints3, stored: v
 def curl_hessians(which: ints1, x: vectors3, m: array4, blend: array1, fixed: ints3, stored: blocks4, stencil: blocks4):
     """Add ``blend`` times the second derivatives to ``stencil``; ``stored`` [n, rows, columns, 5] is scratch."""
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
-    eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows, columns):
         p, a, d = frame(x, m, n, which[n], j, i)
+        eye = identity()
         big = d.cross(a)
         size = big.norm()
         normal = big / size

@@ -21,6 +21,7 @@ from simcore.membrane_kernels import (
     cell_blocks,
     cell_energy,
     cell_forces,
+    identity,
     ints1,
     ints3,
     mat3,
@@ -30,6 +31,7 @@ from simcore.membrane_kernels import (
     vectors4,
 )
 from simcore.panel_kernels import panel_blocks, panel_energy, panel_slope
+from simcore.sum_kernels import add_up
 
 
 @ti.kernel
@@ -45,7 +47,7 @@ def energies(
     parts: array3,
     out: array1,
 ):
-    """Energy [J] of each cloth into ``out`` [n]; ``parts`` [n, rows, columns] is scratch.
+    """Add the energy [J] of each cloth to ``out`` [n]; ``parts`` [n, rows, columns] is scratch.
 
     The bending form is -½ Σ K_ij |x_i - x_j|²: it rounds as cells do, not as the sample.
     """
@@ -65,13 +67,7 @@ def energies(
         if j < rows - 1 and i < columns - 1:
             energy += cell_energy(x, s, hourglass[b, j, i], n, j, i)
         parts[n, j, i] = energy
-    ti.loop_config(serialize=ti.static(on_cpu()))
-    for n in range(count):
-        total = ti.cast(0.0, ti.f64)
-        for j in range(rows):
-            for i in range(columns):
-                total = total + parts[n, j, i]
-        out[n] = total
+    add_up(parts, out)
 
 
 @ti.kernel
@@ -155,7 +151,6 @@ def hessians(
     [n, rows-1, columns-1, 6] of blocks is scratch.
     """
     count, rows, columns = x.shape[0], x.shape[1], x.shape[2]
-    eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     ti.loop_config(serialize=ti.static(on_cpu()))
     for n, j, i in ti.ndrange(count, rows - 1, columns - 1):
         b = which[n]
@@ -165,6 +160,7 @@ def hessians(
     for n, j, i in ti.ndrange(count, rows, columns):
         b = which[n]
         s = settings_of(settings, b)
+        eye = identity()
         held = fixed[b, j, i] == 1
         for m, dj, di in ti.static([(0, 0, 0), (1, 0, 1), (2, 0, 2), (3, 1, -1), (4, 1, 0), (5, 1, 1), (6, 2, 0)]):
             block = mat3(0.0)

@@ -14,8 +14,8 @@ class Launch:
 
     Taichi takes 100 to 130 microseconds to look over ten arrays at every launch, as much as the work on a 26 x 26 grid.
     Here the arguments of the last launch are kept, and only arrays that are others are told anew. The kernel's
-    arguments must all be arrays. Arrays that are not NumPy's, other processors and other versions of Taichi take the
-    kernel's own call. Not thread-safe.
+    arguments must all be arrays, NumPy's or PyTorch's. GPUs, whose launcher changes what is kept, and other versions of
+    Taichi take the kernel's own call. Not thread-safe.
     """
 
     def __init__(self, kernel: Any) -> None:
@@ -24,11 +24,8 @@ class Launch:
         self._context: Any = None
 
     def __call__(self, *arrays: Any) -> None:
-        """Launch; NumPy arrays must be contiguous and of the types the kernel states."""
-        if not (on_cpu() and all(isinstance(array, np.ndarray) for array in arrays)):
-            self._kernel(*arrays)
-            return
-        if self._context is None and not self._prepare(arrays):
+        """Launch; arrays must be contiguous and of the types the kernel states."""
+        if not on_cpu() or (self._context is None and not self._prepare(arrays)):
             self._kernel(*arrays)
             return
         for place, (last, array) in enumerate(zip(self._last, arrays, strict=True)):
@@ -56,7 +53,9 @@ class Launch:
         return True
 
     def _tell(self, place: int, array: Any) -> None:
-        if (array.dtype, array.ndim) != self._kinds[place] or not array.flags.c_contiguous:
+        numpy = isinstance(array, np.ndarray)
+        contiguous = array.flags.c_contiguous if numpy else array.is_contiguous()
+        if (array.dtype, array.ndim) != self._kinds[place] or not contiguous:
             raise TypeError(f"argument {place} of a kernel must stay contiguous and of one type and number of axes")
-        shape = array.shape[: array.ndim - self._depths[place]]  # without the axes of vectors and matrices
-        self._set((place,), array.ctypes.data, array.nbytes, shape, 0)
+        shape = tuple(array.shape[: array.ndim - self._depths[place]])  # without the axes of vectors and matrices
+        self._set((place,), array.ctypes.data if numpy else array.data_ptr(), array.nbytes, shape, 0)

@@ -33,6 +33,12 @@ yields to that lets the whole sample sag.
 
 
 @ti.func
+def identity():
+    """Made in the loop that uses it: Taichi 1.7 puts what loops share where a GPU cannot read float64."""
+    return mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@ti.func
 def settings_of(settings: ti.template(), b):
     s = vec_settings(0.0)
     for r in ti.static(range(SETTINGS)):
@@ -138,7 +144,7 @@ def blended_stress(t, blend):
 def cell_blocks(x: ti.template(), s, share, blend, n, j, i, out: ti.template()):
     """Second derivatives by (a / (2 hu), b / (2 hv), q): blocks aa, ab, aq, bb, bq, qq into ``out`` [n, j, i, 6]."""
     area = s[HU] * s[HV]
-    eye = mat3([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    eye = identity()
     a, b, q = tangents(x, s, n, j, i)
     _, stress, moduli = material_response(material_strain(a, b, s), s)
     turn = rotation(s)

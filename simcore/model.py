@@ -11,10 +11,6 @@ from simcore.grid import Grid
 from simcore.launch import Launch
 
 
-def _nothing() -> None:
-    """A CPU has no queues."""
-
-
 class Model:
     """Launches the kernels for up to ``most`` cloths at once.
 
@@ -22,7 +18,6 @@ class Model:
         grid: of every cloth.
         most: largest number of positions a call gets.
         zeros: makes a float64 array of a shape where the kernels run (NumPy, or tensors of a device).
-        before, after: called before and after kernels are launched, where they wait for each other's queues.
     """
 
     def __init__(
@@ -30,11 +25,8 @@ class Model:
         grid: Grid,
         most: int,
         zeros: Callable[..., Any],
-        before: Callable[[], None] = _nothing,
-        after: Callable[[], None] = _nothing,
     ) -> None:
         rows, columns = grid.rows, grid.columns
-        self._before, self._after = before, after
         self._zeros = zeros
         self._parts = zeros((most, rows, columns))
         self._forces = zeros((most, rows - 1, columns - 1, 3, 3))
@@ -65,7 +57,6 @@ class Model:
         """
         out = self._zeros((len(x),))
         parts = self._first(self._parts, x)
-        self._before()
         self._energies(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.load, cloths.fixed, cloths.panel, parts,
             out,
@@ -74,13 +65,11 @@ class Model:
             self._curl_energies(which, x, cloths.moments, parts, out)
         if cloths.skew is not None:
             self._skew_energies(which, x, cloths.skew, parts, out)
-        self._after()
         return out
 
     def gradients(self, cloths: Cloths, which: Any, x: Any) -> Any:
         """Derivatives of the energies [N], zero where held, [n, rows, columns, 3]."""
         out = self._zeros(tuple(x.shape))
-        self._before()
         self._gradients(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.load, cloths.fixed, cloths.panel,
             self._first(self._forces, x), out,
@@ -91,7 +80,6 @@ class Model:
             self._curl_gradients(which, x, cloths.moments, cloths.fixed, self._first(self._curl, x), out)
         if cloths.skew is not None:
             self._skew_gradients(which, x, cloths.skew, cloths.fixed, out)
-        self._after()
         return out
 
     def hessians(self, cloths: Cloths, which: Any, x: Any, blend: Any, shift: Any) -> Any:
@@ -105,7 +93,6 @@ class Model:
             shift: added to the diagonal [n, rows, columns].
         """
         out = self._first(self._stencil, x)
-        self._before()
         self._hessians(
             which, x, cloths.settings, cloths.hourglass, cloths.bending, cloths.fixed, cloths.panel, blend, shift,
             self._first(self._blocks, x), out,
@@ -114,5 +101,4 @@ class Model:
             if self._curl_blocks is None:
                 self._curl_blocks = self._zeros((*self._parts.shape, 5, 3, 3))
             self._curl_hessians(which, x, cloths.moments, blend, cloths.fixed, self._first(self._curl_blocks, x), out)
-        self._after()
         return out

@@ -6,6 +6,7 @@ the neighbours of ``grid.SKEW_OFFSETS`` [N/m]; the form is -½ Σ K_ij |x_i - x_
 
 from simcore.lang import on_cpu, ti
 from simcore.membrane_kernels import array1, array3, array4, ints1, ints3, vec3, vectors3
+from simcore.sum_kernels import add_up
 
 
 @ti.kernel
@@ -22,13 +23,7 @@ def skew_energies(which: ints1, x: vectors3, skew: array4, parts: array3, out: a
                 apart = x[n, j + dj, i + di] - here
                 energy -= 0.5 * skew[b, j, i, m] * apart.dot(apart)
         parts[n, j, i] = energy
-    ti.loop_config(serialize=ti.static(on_cpu()))
-    for n in range(count):
-        total = ti.cast(0.0, ti.f64)
-        for j in range(rows):
-            for i in range(columns):
-                total = total + parts[n, j, i]
-        out[n] = out[n] + total
+    add_up(parts, out)
 
 
 @ti.kernel

@@ -16,6 +16,7 @@ from renderer.store import RowStatus, ShardRows
 from renderer.store_format import DEPTH_UNIT_M, SCENE_CODES
 from services.dataset.configuration import SweepConfiguration, simulation_seed
 from services.dataset.extension import build_scene
+from simcore.batch.request import Request
 from simcore.checks import check_request
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import DrapemeterError
@@ -23,7 +24,6 @@ from simcore.parameters import FabricParameters
 
 if TYPE_CHECKING:
     from services.dataset.solving import DrapeSolver
-    from simcore.batch.solver import Request
 
 SENSOR_STREAM = 1
 """Key of the sensor's random numbers among those of a simulation; the drape draws from the seed itself."""
@@ -71,8 +71,6 @@ class ShardTask:
 
 def shard_requests(task: ShardTask, configuration: SweepConfiguration) -> dict[int, Request]:
     """What a shard asks of a solver, by seed; simulations that cannot be asked for are refused in their turn."""
-    from simcore.batch.solver import Request
-
     layout = configuration.layout
     requests: dict[int, Request] = {}
     for number, fabric in zip(layout.shard_simulations(task.shard), task.parameters, strict=True):

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Protocol
 
 from services.dataset.solver_kind import SolverKind
+from simcore.batch.request import Request
 from simcore.mechanics import Mechanics
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
 
 if TYPE_CHECKING:
-    from simcore.batch.solver import BatchSolver, Request
+    from simcore.batch.solver import BatchSolver
     from simcore.drape import Drape
 
 
@@ -62,8 +63,6 @@ class ShardSolver:
         time_limit_s: float,
     ) -> Drape:
         """The drape solved ahead, else a batch of this one alone."""
-        from simcore.batch.solver import Request
-
         ready = self._drapes.pop(seed, None)
         if ready is not None:
             return ready

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,8 @@ Tensor = torch.Tensor
 
 class Device:
     """Tensors that Taichi's kernels read and write in place.
+
+    Both queue their work on CUDA's default stream, so neither need wait for the other.
 
     Args:
         arch: ``cuda`` or ``cpu``.
@@ -35,6 +38,19 @@ class Device:
         self.arch = arch
         self.torch = torch.device(arch)
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """On ``cpu`` let PyTorch use one thread, as Taichi does: a worker owns a core."""
+        if self.arch == "cuda":
+            yield
+            return
+        before = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            torch.set_num_threads(before)
+
     def zeros(self, shape: Sequence[int]) -> Tensor:
         """Float64 zeros."""
         return torch.zeros(tuple(shape), dtype=torch.float64, device=self.torch)
@@ -46,13 +62,3 @@ class Device:
     def get(self, tensor: Tensor) -> NDArray[Any]:
         """A copy of a tensor."""
         return np.array(tensor.detach().cpu().numpy())
-
-    def before_kernels(self) -> None:
-        """Let PyTorch's queue run dry: Taichi has one of its own."""
-        if self.arch == "cuda":
-            torch.cuda.synchronize()
-
-    def after_kernels(self) -> None:
-        """Let Taichi's queue run dry."""
-        if self.arch == "cuda":
-            lang.ti.sync()

@@ -20,7 +20,7 @@ Tensor = torch.Tensor
 
 
 class BatchLevel:
-    """Energy, gradient and factored Hessian of up to ``most`` cloths.
+    """Energy, gradient and factored Hessian of up to ``most`` cloths at once, out of any number that are set up.
 
     ``which`` [n] (int64) says of which cloth each of n positions [n, rows, columns, 3] is.
     """
@@ -28,13 +28,14 @@ class BatchLevel:
     def __init__(self, grid: Grid, device: Device, most: int) -> None:
         self.grid = grid
         self.device = device
+        self.most = most
         self.forms = BendingForms.of(grid)
-        self._model = Model(grid, most, device.zeros, device.before_kernels, device.after_kernels)
+        self._model = Model(grid, most, device.zeros)
         self._cholesky = BlockCholesky(grid, device)
         self._skew_cholesky: BlockCholesky | None = None
 
     def set_up(self, cloths: Sequence[Cloths], weights: NDArray[np.float64]) -> None:
-        """Choose the batch; ``weights`` are those of an inner vertex [N], the units of residuals."""
+        """Choose the cloths; ``weights`` are those of an inner vertex [N], the units of residuals."""
         self.cloths = Cloths.stack(cloths).on(self.device.put)
         self._base_load = self.cloths.load.clone()
         self.free = (self.cloths.fixed == 0)[..., None]

@@ -12,6 +12,13 @@ from simcore.newton import INNER_STEPS, MEMORY, WORTH, NewtonOptions
 
 Tensor = torch.Tensor
 ESCAPES = 8
+NEVER = 2.0
+"""More than any blend."""
+WAIT = 8
+"""Cloths begin together when they are one in so many of all that there is room for, and leave saddles together when
+they are one in so many of those on their way."""
+FEW = 0.5
+"""Where no more than this share of the cloths still profit from a factorisation, the next one is due for all."""
 
 
 @dataclass
@@ -35,7 +42,11 @@ class BatchRest:
 
 @dataclass
 class _State:
-    """The cloths still on their way."""
+    """The cloths still on their way.
+
+    ``refused`` is the blend whose matrix was not positive definite since the last step, or :data:`NEVER`; ``steps`` are
+    those taken, ``escapes`` the saddles left.
+    """
 
     which: Tensor
     x: Tensor
@@ -44,11 +55,17 @@ class _State:
     residual: Tensor
     blend: Tensor
     damping: Tensor
+    refused: Tensor
     escapes: Tensor
+    steps: Tensor
 
     def keep(self, mask: Tensor) -> None:
         for name, value in vars(self).items():
             setattr(self, name, value[mask])
+
+    def join(self, others: _State) -> None:
+        for name, value in vars(self).items():
+            setattr(self, name, torch.cat([value, getattr(others, name)]))
 
 
 class BatchNewton:
@@ -59,93 +76,102 @@ class BatchNewton:
         self.options = options
 
     def minimise(self, x: Tensor) -> BatchRest:
-        """Go down from ``x`` [b, rows, columns, 3], of which nothing is behind the panel."""
-        options = self.options
+        """Go down from ``x`` [b, rows, columns, 3], of which nothing is behind the panel.
+
+        As many at once as the level has room for; others take the places of those at rest, so that the few that take
+        long do not keep a device waiting. For the same reason saddles are left by several cloths together.
+        """
         count = len(x)
         flags = torch.zeros(count, dtype=torch.bool, device=x.device)
-        steps = torch.full((count,), options.iterations, device=x.device)
+        steps = torch.zeros(count, dtype=torch.int64, device=x.device)
         rest = BatchRest(x.clone(), torch.zeros(count, dtype=x.dtype, device=x.device), flags, steps, flags.clone())
-        state = self._begin(x)
-        for iteration in range(options.iterations + 1):
-            near = state.residual < options.tolerance
-            rest.x[state.which], rest.residual[state.which] = state.x, state.residual
-            leave = ~torch.isfinite(state.residual) | (near if not options.certify else torch.zeros_like(near))
-            rest.converged[state.which] = leave & near
-            rest.iterations[state.which[leave]] = iteration
-            state.keep(~leave)
-            if not len(state.which) or iteration == options.iterations:
-                break
-            self._iterate(state, rest, iteration)
-            if not len(state.which):
-                break
+        waiting = torch.arange(count, device=x.device)
+        state = self._begin(waiting[:0], x[:0])
+        stuck = self._begin(waiting[:0], x[:0])
+        while len(waiting) or len(state.which) or len(stuck.which):
+            room = self.level.most - len(state.which) - len(stuck.which)
+            if len(waiting) and WAIT * room >= self.level.most:
+                state.join(self._begin(waiting[:room], x[waiting[:room]]))
+                waiting = waiting[room:]
+            if len(stuck.which) and WAIT * len(stuck.which) >= len(state.which):
+                self._escape(stuck)
+                state.join(stuck)
+                stuck.keep(torch.zeros_like(stuck.escapes, dtype=torch.bool))
+            self._leave(state, rest)
+            if len(state.which):
+                self._iterate(state, stuck, rest)
         return rest
 
-    def _begin(self, x: Tensor) -> _State:
+    def _begin(self, which: Tensor, x: Tensor) -> _State:
         level = self.level
-        which = torch.arange(len(x), device=x.device)
         gradient = level.gradients(which, x)
         zero = torch.zeros(len(x), dtype=x.dtype, device=x.device)
+        none = torch.zeros(len(x), dtype=torch.int64, device=x.device)
         return _State(
-            which, x.clone(), level.energies(which, x), gradient, level.residuals(which, gradient), zero, zero.clone(),
-            torch.zeros(len(x), dtype=torch.int64, device=x.device),
+            which, x, level.energies(which, x), gradient, level.residuals(which, gradient), zero, zero.clone(),
+            torch.full_like(zero, NEVER), none, none.clone(),
         )  # fmt: skip
 
-    def _iterate(self, state: _State, rest: BatchRest, iteration: int) -> None:
-        """One factorisation and what is made of it; cloths that came to rest leave the state."""
+    def _leave(self, state: _State, rest: BatchRest) -> None:
+        """Write down how far all are; let those go that never will be at rest, or are and need not be certified."""
+        options = self.options
+        rest.x[state.which], rest.residual[state.which] = state.x, state.residual
+        rest.iterations[state.which] = state.steps
+        done = torch.zeros_like(state.which, dtype=torch.bool)
+        if not options.certify:
+            done = state.residual < options.tolerance
+        rest.converged[state.which] = done
+        state.keep(~(done | ~torch.isfinite(state.residual) | (state.steps >= options.iterations)))
+
+    def _iterate(self, state: _State, stuck: _State, rest: BatchRest) -> None:
+        """One factorisation and what is made of it; cloths at rest leave the state, those on saddles go to ``stuck``.
+
+        A cloth whose matrix is not positive definite tries a lower blend, then more damping, in the next iteration.
+        """
         level = self.level
         near = state.residual < self.options.tolerance
         state.blend[near], state.damping[near] = 1.0, 0.0
-        factors, good = level.factor(state.which, state.x, state.blend, self._shift(state))
-        done = near & good
+        shift = state.damping * level.weights[state.which] / level.grid.hu
+        factors, good = level.factor(state.which, state.x, state.blend, shift)
+        done, saddle = near & good, near & ~good
         rest.stable[state.which[done]] = True
         rest.converged[state.which[done]] = True
-        saddle = near & ~good
-        going = ~near
-        refused = self._make_positive(state, factors, good | ~going)
+        going = good & ~near
         slope, length, fall = self._descend(state, factors, going)
-        broken = going & (length == 0.0) & (state.blend == 0.0) & (state.damping > 1e3)
-        self._adapt(state, going, refused, slope, length, fall)
-        if saddle.any():
-            self._escape(state, saddle)
+        broken = going & (length == 0.0) & (state.blend == 0.0)
+        broken = (broken | ~good) & (state.damping > 1e3)
+        self._adapt(state, going, slope, length, fall)
+        self._ease(state, ~good & ~near)
+        state.steps[good | near] += 1
         state.escapes[saddle] += 1
         left = done | broken | (state.escapes > ESCAPES)
-        rest.iterations[state.which[left]] = iteration
-        state.keep(~left)
+        others = _State(**vars(state))
+        others.keep(saddle & ~left)
+        stuck.join(others)
+        state.keep(~(saddle | left))
 
-    def _shift(self, state: _State) -> Tensor:
-        return state.damping * self.level.weights[state.which] / self.level.grid.hu
+    def _ease(self, state: _State, bad: Tensor) -> None:
+        """Lower blends, then raise damping, where the matrix was not positive definite."""
+        state.refused = torch.where(bad & (state.refused == NEVER), state.blend, state.refused)
+        lowered = torch.where(state.blend > 0.1, 0.5 * state.blend, 0.0)
+        raised = torch.clamp(4.0 * state.damping, min=1e-3)
+        state.damping = torch.where(bad & (state.blend == 0.0), raised, state.damping)
+        state.blend = torch.where(bad, lowered, state.blend)
 
-    def _make_positive(self, state: _State, factors: Factors, good: Tensor) -> Tensor:
-        """Lower blends, then raise damping, until every matrix has factors; returns the blend last refused, or 2."""
-        refused = torch.full_like(state.blend, 2.0)
-        pending = torch.nonzero(~good).ravel()
-        while len(pending):
-            blend, damping = state.blend[pending], state.damping[pending]
-            refused[pending] = torch.where(refused[pending] > 1.5, blend, refused[pending])
-            lowered = torch.where(blend > 0.1, 0.5 * blend, torch.zeros_like(blend))
-            raised = torch.clamp(4.0 * damping, min=1e-3)
-            state.blend[pending] = torch.where(blend > 0.0, lowered, blend)
-            state.damping[pending] = torch.where(blend > 0.0, damping, raised)
-            shift = state.damping[pending] * self.level.weights[state.which[pending]] / self.level.grid.hu
-            again, fine = self.level.factor(state.which[pending], state.x[pending], state.blend[pending], shift)
-            factors.put(pending, again)
-            pending = pending[~fine]
-        return refused
-
-    def _adapt(
-        self, state: _State, going: Tensor, refused: Tensor, slope: Tensor, length: Tensor, fall: Tensor
-    ) -> None:
-        """Blend and damping of the next step."""
+    def _adapt(self, state: _State, going: Tensor, slope: Tensor, length: Tensor, fall: Tensor) -> None:
+        """Blend and damping of the next step, for those that took one."""
         stuck = going & (length == 0.0)
         state.damping[stuck] = torch.clamp(4.0 * state.damping[stuck], min=1e-3)
         state.blend[stuck] = 0.0
         well = going & (length == 1.0) & (fall > -0.25 * slope)
-        grown = torch.where(refused > 1.5, torch.clamp(2.0 * state.blend + 0.25, max=1.0), 1.25 * state.blend)
+        quick = torch.clamp(2.0 * state.blend + 0.25, max=1.0)
+        grown = torch.where(state.refused == NEVER, quick, 1.25 * state.blend)
         state.blend = torch.where(well, grown, state.blend)
         eased = torch.where(state.damping > 1e-3, 0.25 * state.damping, torch.zeros_like(state.damping))
         state.damping = torch.where(well, eased, state.damping)
         short = going & (length > 0.0) & (length < 0.3)
         state.blend = torch.where(short, 0.5 * state.blend, state.blend)
+        state.refused = torch.where(going, NEVER, state.refused)
 
     def _descend(self, state: _State, factors: Factors, going: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """One step with each factorisation, then as many limited-memory BFGS steps preconditioned by it as pay.
@@ -159,7 +185,7 @@ class BatchNewton:
         worth = torch.zeros_like(state.energy)
         live = going.clone()
         for _ in range(INNER_STEPS):
-            if not live.any():
+            if live.sum() <= FEW * going.sum():
                 break
             step = self._direction(factors, state.gradient, pairs)
             slope = _inner(state.gradient, step)
@@ -197,7 +223,10 @@ class BatchNewton:
         return -z
 
     def _search(self, state: _State, step: Tensor, slope: Tensor, live: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Backtrack each live cloth from its longest step until the energy falls enough; 0 when it never does."""
+        """Backtrack each live cloth from its longest step until the energy falls enough; 0 when it never does.
+
+        The next length is where a parabola through the slope and the last energy is lowest, within a tenth to a half.
+        """
         level = self.level
         longest = self.options.largest_step * min(level.grid.hu, level.grid.hv)
         tried = torch.clamp(longest / step.abs().amax(dim=(1, 2, 3)).clamp(min=1e-300), max=1.0)
@@ -214,21 +243,21 @@ class BatchNewton:
             enough = value <= state.energy[pending] + 1e-4 * tried[pending] * slope[pending] + slack[pending]
             took = pending[enough]
             length[took], moved[took], energy[took] = tried[took], there[enough], value[enough]
-            pending = pending[~enough]
-            tried[pending] *= 0.5
+            pending, over = pending[~enough], value[~enough] - state.energy[pending[~enough]]
+            drop = tried[pending] * slope[pending]
+            share = (-0.5 * drop / (over - drop)).clamp(min=0.1, max=0.5)
+            tried[pending] *= torch.where(torch.isfinite(over), share, 0.5)
         return length, moved, energy
 
-    def _escape(self, state: _State, saddle: Tensor) -> None:
+    def _escape(self, state: _State) -> None:
         """Leave saddles along their lowest modes, to whichever side and as far as the energy falls."""
-        level = self.level
-        rows = torch.nonzero(saddle).ravel()
-        which, x = state.which[rows], state.x[rows]
+        level, which, x = self.level, state.which, state.x
         mode = self._lowest_modes(which, x)
-        best, least = x.clone(), state.energy[rows].clone()
+        best, least = x.clone(), state.energy.clone()
         for sign in (1.0, -1.0):
             direction = sign * mode
             cap = torch.clamp(level.largest_steps(which, x, direction), max=3.0 * level.grid.hu)
-            size, falling = 1e-3 * level.grid.hu, torch.ones_like(rows, dtype=torch.bool)
+            size, falling = 1e-3 * level.grid.hu, torch.ones_like(which, dtype=torch.bool)
             while size < 3.0 * level.grid.hu and falling.any():
                 candidate = x + size * direction
                 value = level.energies(which, candidate)
@@ -236,11 +265,10 @@ class BatchNewton:
                 best[better], least[better] = candidate[better], value[better]
                 falling &= better | (size <= 0.1 * level.grid.hu)
                 size *= 2.0
-        state.x[rows] = best
-        state.energy[rows] = least
-        state.gradient[rows] = level.gradients(which, best)
-        state.residual[rows] = level.residuals(which, state.gradient[rows])
-        state.blend[rows] = 0.5
+        state.x, state.energy = best, least
+        state.gradient = level.gradients(which, best)
+        state.residual = level.residuals(which, state.gradient)
+        state.blend = torch.full_like(state.blend, 0.5)
 
     def _lowest_modes(self, which: Tensor, x: Tensor) -> Tensor:
         """Lowest eigenvectors, by inverse iteration with Hessians shifted just enough to be positive."""

@@ -26,9 +26,10 @@ class BatchPins:
             home[n][held] = pin.places[pin.owner[held]] + pin.offset[held]
         self._start, self._home = level.device.put(start), level.device.put(home)
 
-    def hold(self, level: BatchLevel, x: Tensor, progress: float) -> Tensor:
+    def hold(self, level: BatchLevel, which: Tensor, x: Tensor, progress: float) -> Tensor:
         """Positions with the held vertices where they are at ``progress`` from 0 (flat) to 1 (home)."""
-        return torch.where(level.free, x, (1.0 - progress) * self._start + progress * self._home)
+        there = (1.0 - progress) * self._start[which] + progress * self._home[which]
+        return torch.where(level.free[which], x, there)
 
 
 def put_up(level: BatchLevel, pins: BatchPins, perturbations: Sequence[Perturbation], masses: np.ndarray) -> Tensor:
@@ -52,26 +53,33 @@ def put_up(level: BatchLevel, pins: BatchPins, perturbations: Sequence[Perturbat
         flat[n, ..., 2] = LIFT_M + rise
         pushes[n] = np.stack([random.field(grid, c) for c in range(3)], axis=2)
         pushes[n] *= random.jitter.force_weights * (masses[n] * 9.81)[..., None]
-    x, forces = device.put(flat), device.put(pushes)
-    velocity = torch.zeros_like(x)
-    inertia = device.put(masses) / STEP_S**2
-    for step in range(STEPS):
-        level.push(forces * max(0.0, 1.0 - step / (0.6 * STEPS)))
-        previous = x
-        x = _step(level, pins.hold(level, x, min(1.0, (step + 1) / (0.5 * STEPS))), velocity, inertia)
-        velocity = 0.95 * (x - previous) / STEP_S
+    x, forces, inertia = device.put(flat), device.put(pushes), device.put(masses) / STEP_S**2
+    for some in torch.split(torch.arange(len(x), device=x.device), level.most):
+        x[some] = _swing(level, pins, some, x[some], forces, inertia[some])
     level.push(0.0)
     return x
 
 
-def _step(level: BatchLevel, x: Tensor, velocity: Tensor, inertia: Tensor) -> Tensor:
+def _swing(level: BatchLevel, pins: BatchPins, which: Tensor, x: Tensor, forces: Tensor, inertia: Tensor) -> Tensor:
+    """Those at once."""
+    velocity = torch.zeros_like(x)
+    for step in range(STEPS):
+        level.push(forces * max(0.0, 1.0 - step / (0.6 * STEPS)))
+        previous = x
+        x = pins.hold(level, which, x, min(1.0, (step + 1) / (0.5 * STEPS)))
+        x = _step(level, which, x, velocity, inertia)
+        velocity = 0.95 * (x - previous) / STEP_S
+    return x
+
+
+def _step(level: BatchLevel, which: Tensor, x: Tensor, velocity: Tensor, inertia: Tensor) -> Tensor:
     """One step of implicit Euler: a damped Newton step and up to two corrections with its factorisation."""
-    which = torch.arange(len(x), device=x.device)
-    goal = x + STEP_S * velocity * level.free
+    free = level.free[which]
+    goal = x + STEP_S * velocity * free
     live = torch.ones(len(x), dtype=torch.bool, device=x.device)
     factors: Factors | None = None
     for _ in range(3):
-        gradient = level.gradients(which, x) + inertia[..., None] * (x - goal) * level.free
+        gradient = level.gradients(which, x) + inertia[..., None] * (x - goal) * free
         if factors is None:
             factors = _positive(level, which, x, inertia)
         move = level.solve(factors, -gradient)
