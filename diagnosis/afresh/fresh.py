@@ -23,7 +23,7 @@ from diagnosis.simulation.base_state import nearest_state
 from diagnosis.simulation.drape_cache import drape_key
 from diagnosis.simulation.responses import Responses, clean
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
-from diagnosis.simulation.sizes import node_weights
+from diagnosis.simulation.sizes import node_weights, vector_step
 from diagnosis.simulation.state_library import StateLibrary
 from diagnosis.tasks.fabric_task import (
     AS_NEAR_AS_BEFORE,
@@ -44,6 +44,10 @@ WORSE_M = 0.0002
 """An effect with which a capture is further away by more than this may be simulated in the wrong folds."""
 SLACK = 0.02
 """Outcomes at several sizes are met but for this relative variance: sizes near each other may show other folds."""
+SLACK_OF_PICTURES = 0.002
+"""The same where only the camera moves: the folds are those of one state."""
+ASIDE = 0.5
+"""Share of the size at which a vector's components are simulated: one below half of it is seen there instead."""
 Sized = tuple[str, Mapping[str, float]]
 """Name of an effect and its size."""
 
@@ -340,16 +344,32 @@ def at_state(look: FreshLook, capture: CaptureResult, state: KeyedDrape, near: f
 
 
 def bent(look: FreshLook, capture: CaptureResult, names: Sequence[str]) -> Responses:
-    """Through the outcomes of some effects at all sizes that were simulated so far."""
+    """Through the outcomes of some effects at all sizes that were simulated so far, of a vector at the last one."""
     coarse = look.coarse.setdefault(capture.id, capture.responses)
     effects = dict(coarse.effects)
     for name in names:
-        solved = [size for size in look.sizes[name] if look.drape(capture, [(name, size)]).drape.ok]
+        effect = get_effect(name)
+        sizes = around(effect, look.sizes[name][-1]) if effect.vector else look.sizes[name]
+        solved = [size for size in sizes if look.drape(capture, [(name, size)]).drape.ok]
         known = [(size, look.change(capture, [(name, size)])) for size in solved]
         if known:
             rows, pixels = effects[name]
-            effects[name] = (bend(get_effect(name), rows, known), pixels)
+            effects[name] = (bend(effect, rows, known), pixels)
     return replace(coarse, effects=effects)
+
+
+def around(effect: Effect, size: Mapping[str, float]) -> list[Mapping[str, float]]:
+    """A vector's size, and those without one of its components; a small one is made larger instead.
+
+    What all components do together does not tell what each does: put down to them by their lengths, what one of them
+    changes otherwise than it should looks like another one.
+    """
+    aside = ASIDE * vector_step(effect)
+
+    def changed(value: float) -> float:
+        return 0.0 if abs(value) > 0.5 * aside else math.copysign(aside, value)
+
+    return [size, *(dict(size) | {name: changed(size[name])} for name in effect.components)]
 
 
 def bend(effect: Effect, rows: Array, known: Sequence[tuple[Mapping[str, float], Array]]) -> Array:
@@ -358,9 +378,11 @@ def bend(effect: Effect, rows: Array, known: Sequence[tuple[Mapping[str, float],
     Args:
         effect: whose.
         rows: at its nodes, [nodes, D].
-        known: sizes with the outcome there, [D]; one is met exactly, several but for :data:`SLACK`.
+        known: sizes with the outcome there, [D]; one is met exactly, several but for :data:`SLACK`, or
+            :data:`SLACK_OF_PICTURES`.
     """
     weights = np.stack([node_weights(effect, size) for size, _ in known])
     missing = np.stack([wanted for _, wanted in known]) - weights @ rows
-    slack = SLACK * np.eye(len(known)) if len(known) > 1 else np.zeros((1, 1))
+    relative = SLACK if effect.moves_cloth else SLACK_OF_PICTURES
+    slack = relative * np.eye(len(known)) if len(known) > 1 else np.zeros((1, 1))
     return np.asarray(rows + weights.T @ np.linalg.solve(weights @ weights.T + slack, missing))

@@ -15,15 +15,17 @@ from diagnosis.inference.cause import Cause
 from diagnosis.tasks.fabric_task import FabricResult
 from diagnosis.workers import ALONE, Workers
 
-ROUNDS = 2
+ROUNDS, PICTURE_ROUNDS = 2, 4
+"""So often at most is looked again: at anything, and where the size of an effect on the camera has moved, for which
+nothing must be solved."""
 CANDIDATES, LATER_CANDIDATES = 3, 2
 """Effects on the cloth: in the first round, and later or beside those that come near the leader."""
 NEAR_NATS, TRIAL_NATS = 5.0, 8.0
 """An effect whose log evidence is further behind is not looked at again; on trial, where nothing leads."""
 LOOKS = 2 * ROUNDS * (CANDIDATES + LATER_CANDIDATES) + CANDIDATES
 """Simulations of effects for a capture, at most: in rounds, on trial, in rounds again where a trial names something."""
-MOVED = 0.1
-"""A size that moves by a larger share is simulated again."""
+MOVED, MOVED_IN_PICTURES = 0.1, 0.02
+"""A size that moves by a larger share is simulated again; of an effect on the camera, seen through again."""
 Weigh = Callable[[Sequence[FabricResult], Sized | None], Cause]
 """Probabilities from results, what one effect of some size does taken away beforehand."""
 
@@ -76,7 +78,7 @@ class Search:
     def rounds(self, looks: Mapping[str, FreshLook]) -> dict[str, FreshLook]:
         """What is near the best, and near what is best beside the leader; again where sizes moved."""
         now = dict(looks)
-        for number in range(ROUNDS):
+        for number in range(PICTURE_ROUNDS):
             results = [look.result for look in now.values()]
             cause = self.weigh(results, None)
             near = candidates(cause)[: LATER_CANDIDATES if number else None]
@@ -86,7 +88,7 @@ class Search:
                 cloth = any(get_effect(name).moves_cloth for name, _ in near)
                 most = LATER_CANDIDATES if number or cloth else CANDIDATES
                 near += [(n, s) for n, s in beside if n not in {name for name, _ in near}][:most]
-            wanted = self.unseen(near)
+            wanted = [(n, s) for n, s in self.unseen(near) if number < ROUNDS or moves_camera(n)]
             if not wanted:
                 break
             through = () if first is None or not moves_camera(first) else ((first, cause.evidence[first].size),)
@@ -95,7 +97,12 @@ class Search:
 
     def unseen(self, near: Sequence[Sized]) -> list[Sized]:
         """Those that were not simulated at about such sizes yet."""
-        return [(n, s) for n, s in near if not any(alike(s, other, get_effect(n)) for other in self.seen.get(n, []))]
+
+        def known(name: str, size: Mapping[str, float]) -> bool:
+            moved = MOVED_IN_PICTURES if moves_camera(name) else MOVED
+            return any(alike(size, other, get_effect(name), moved) for other in self.seen.get(name, []))
+
+        return [(name, size) for name, size in near if not known(name, size)]
 
     def simulated(
         self, looks: Mapping[str, FreshLook], wanted: Sequence[Sized], through: tuple[Sized, ...] = ()
@@ -137,10 +144,10 @@ def candidates(cause: Cause, nats: float = NEAR_NATS) -> list[Sized]:
     return solved[:CANDIDATES] + rendered
 
 
-def alike(a: Mapping[str, float], b: Mapping[str, float], effect: Effect) -> bool:
+def alike(a: Mapping[str, float], b: Mapping[str, float], effect: Effect, moved: float = MOVED) -> bool:
     """Whether two sizes of an effect, at one place, are so near each other that one simulation serves."""
     if any(a[key] != b[key] for key in effect.places[0]):
         return False
     own = list(effect.components)
     difference = np.array([a[key] - b[key] for key in own])
-    return float(np.linalg.norm(difference)) < MOVED * float(np.linalg.norm([b[key] for key in own]))
+    return float(np.linalg.norm(difference)) < moved * float(np.linalg.norm([b[key] for key in own]))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from diagnosis.afresh.fresh import is_mechanical
 from diagnosis.effects import get_effect
+from diagnosis.groups import group_of
 from diagnosis.inference.cause import Cause
 from diagnosis.report import Shrinkage
 from diagnosis.shrinkage.held_out import Measured, refit, whitened
@@ -72,20 +73,21 @@ def is_unshown(cause: Cause, measured: Measured) -> bool:
     """Of two named effects the second is on the cloth, the first moves none, and no two held-out fabrics show it.
 
     Beside a strong effect on the picture a second one is had for little, and what another simulator does otherwise in
-    one fabric is no effect. Of fewer than three fabrics all are heard.
+    one fabric is no effect. A fabric without which another second effect is named, or none, does not show this one. Of
+    fewer than three fabrics all are heard.
     """
     if cause.pair is None or is_mechanical(get_effect(cause.pair.first)):
         return False
     if not is_mechanical(get_effect(cause.pair.second)) or not measured.shrinkage.simulated_afresh or not measured.held:
         return False
-    beyond = _beyond_still(measured)
+    beyond = _beyond_still(measured, cause.pair.second)
     fabrics = _against(beyond)
     least = min(fabrics, key=lambda fabric: fabrics[fabric]) if len(fabrics) > 2 else None
     return fraction_of(_others(beyond, least)) < SHOWN
 
 
-def _beyond_still(measured: Measured) -> Measured:
-    """What is held out against simulations that already have what moves no cloth.
+def _beyond_still(measured: Measured, second: str) -> Measured:
+    """What is held out against simulations that already have what moves no cloth; as far as the second is named, too.
 
     All of it: without what is held out, another effect on the camera may be named.
     """
@@ -95,6 +97,8 @@ def _beyond_still(measured: Measured) -> Measured:
         alone = refit(one.block, one.block.metres(whitened(one.block, still)))
         squares = one.squares.copy()
         squares[-1, 0] = float(np.mean(alone.left**2))
+        if not group_of(second) & {name for name, _ in one.effects}:
+            squares[-1, 1] = squares[-1, 0]
         held.append(replace(one, squares=squares))
     return replace(measured, held=tuple(held))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from diagnosis.afresh import fresh
-from diagnosis.afresh.fresh import FreshLook, bend
+from diagnosis.afresh.fresh import FreshLook, around, bend
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, View
@@ -39,6 +40,30 @@ def test_bent_responses_pass_through_what_was_simulated(name: str, size: dict[st
     np.testing.assert_allclose(node_weights(effect, size) @ bent, wanted, atol=1e-9)
     untouched = node_weights(effect, size) == 0
     np.testing.assert_array_equal(bent[untouched], rows[untouched])
+
+
+def test_what_one_component_of_a_vector_changes_otherwise_is_not_put_down_to_another() -> None:
+    """Turned far about x, a picture changes less than in proportion: that says nothing of a turn about z."""
+    effect = get_effect("camera_rotation")
+    x, y, z = np.random.default_rng(1).standard_normal((3, 40))
+
+    def outcome(size: Mapping[str, float]) -> np.ndarray:
+        return np.asarray(x * np.tanh(2.0 * size["rx"]) + y * size["ry"] + z * size["rz"])
+
+    rows = np.stack([outcome(size) for size in nodes(effect)])
+    found = {"rx": -0.4, "ry": 0.3, "rz": 0.3}
+    more = found | {"rz": 0.9}
+
+    def missed(known: Sequence[Mapping[str, float]], size: Mapping[str, float]) -> float:
+        bent = bend(effect, rows, [(one, outcome(one)) for one in known])
+        return float(np.abs(node_weights(effect, size) @ bent - outcome(size)).max())
+
+    assert missed([found], found) < 1e-9
+    assert missed([found], more) > 0.2  # put down to all by their lengths
+    assert missed(around(effect, found), found) < 0.05
+    assert missed(around(effect, found), more) < 0.05
+    small = found | {"rz": 0.01}
+    assert missed(around(effect, small), small | {"rz": 0.5}) < 0.05
 
 
 def block_of(measured: np.ndarray) -> Block:
