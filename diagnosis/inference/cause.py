@@ -120,11 +120,22 @@ class Cause:
             alone = {name: (1.0 - left) * p / total for name, p in single.items()}
             changed = {n: alone[n] + REFUTED * (p - self.alone[n]) for n, p in self.probabilities.items()}
             return replace(self, probabilities=changed, pair_probability=left, alone=alone)
-        lost = {name: (1.0 - REFUTED) * self.probabilities[name] for name in self.named}
-        calm = {name: self.probabilities[name] + 1e-300 for name in NOT_EFFECTS}
-        given = {name: sum(lost.values()) * value / sum(calm.values()) for name, value in calm.items()}
-        changed = {n: p - lost.get(n, 0.0) + given.get(n, 0.0) for n, p in self.probabilities.items()}
+        changed = self._to_no_effect((1.0 - REFUTED) * self.probabilities[self.top])
         return replace(self, probabilities=changed, pair_probability=0.0, alone=changed)
+
+    def doubted(self, most: float) -> Cause:
+        """With no more probability than ``most`` for the one effect that is named, as by :meth:`refuted`."""
+        lost = self.probabilities[self.top] - most
+        if len(self.named) != 1 or lost <= 0.0:
+            return self
+        alone = {n: max(0.0, p - lost) if n == self.top else p for n, p in self.alone.items()}
+        return replace(self, probabilities=self._to_no_effect(lost), alone=alone)
+
+    def _to_no_effect(self, lost: float) -> dict[str, float]:
+        """What the most probable explanation loses is shared by ``none`` and ``unknown`` as they stand."""
+        calm = {name: self.probabilities[name] + 1e-300 for name in NOT_EFFECTS}
+        given = {name: lost * value / sum(calm.values()) for name, value in calm.items()} | {self.top: -lost}
+        return {name: p + given.get(name, 0.0) for name, p in self.probabilities.items()}
 
     def size(self, name: str) -> Mapping[str, float]:
         """Fitted size of a named effect."""

@@ -191,6 +191,32 @@ def test_what_the_camera_alone_brings_nearer_does_not_speak_for_a_second_effect(
     assert is_unshown(another, Measured(shrinkage(0.9, 1.0), known)) is unshown
 
 
+@pytest.mark.parametrize(
+    ("name", "closed", "afresh", "most"),
+    [
+        ("edge_curl", 0.05, True, 0.52),
+        ("edge_curl", 0.19, True, 0.75),  # a curvature out of the catalogue
+        ("edge_curl", 0.5, True, 0.99),
+        ("edge_curl", 0.05, False, 0.99),
+        ("depth_bias", 0.05, True, 0.99),  # what moves no cloth is known exactly
+        ("bending_hysteresis", 0.0, True, 0.99),  # differs from repeat to repeat: closes nothing
+    ],
+)
+def test_an_effect_on_the_cloth_that_closes_little_is_doubted(
+    name: str, closed: float, afresh: bool, most: float
+) -> None:
+    evidence = {n: Evidence(n, 0.0, 0.0, {}, {}, {}, 0.0, {}) for n in (name, "none", "unknown")}
+    before = {name: 0.99, "none": 0.002, "unknown": 0.008}
+    measured = Measured(shrinkage(closed, 1.0, afresh=afresh), ())
+    cause, _ = judged(Cause(before, evidence, 10.0, alone=before), lambda of, known=False: measured)
+    assert cause.named == (name,)
+    assert cause.probabilities[name] == pytest.approx(most)
+    assert cause.alone[name] == pytest.approx(most)
+    assert sum(cause.probabilities.values()) == pytest.approx(1.0)
+    if most < 0.9:
+        assert cause.probabilities["unknown"] == pytest.approx(4 * cause.probabilities["none"])
+
+
 @pytest.mark.parametrize(("others", "unshown"), [(2, True), (1, False)])
 def test_what_another_second_effect_brings_nearer_does_not_speak_for_this_one(others: int, unshown: bool) -> None:
     """Another simulator's set, the camera turned: without one fabric a crease is named, without another a draft."""
