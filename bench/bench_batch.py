@@ -48,7 +48,7 @@ def main() -> None:
     wanted = requests(options.fabrics)
     batch = BatchSolver(mesh, options.arch, most=min(options.most, len(wanted)))
     batch.solve(wanted[:2])
-    batch.put_up_again = 0
+    batch.put_up_again, batch.put_up_again_s = 0, 0.0
     gpu = options.arch == "cuda"
     if gpu:
         torch.cuda.reset_peak_memory_stats()

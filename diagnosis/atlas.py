@@ -12,7 +12,7 @@ import numpy as np
 
 from diagnosis.afresh.fresh import is_mechanical, moves_camera
 from diagnosis.afresh.further import TRIAL_LOOKS
-from diagnosis.afresh.refinement import CANDIDATES, LOOKS, ROUNDS
+from diagnosis.afresh.refinement import CANDIDATES, LOOKS, PICTURE_ROUNDS
 from diagnosis.afresh.together import CANDIDATES as PAIRS
 from diagnosis.afresh.together import ROUNDS as PAIR_ROUNDS
 from diagnosis.atlas_part import AtlasPart
@@ -140,7 +140,7 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
             looks = CANDIDATES if name == "stretch" else 0
             further = LOOKS + TRIAL_LOOKS + PAIR_ROUNDS * PAIRS if name == "stretch" else 0
-            further += ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]
+            further += PICTURE_ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]
             beside = _beside(task.effects) if name == "stretch" else 0
             one = _variations(task.effects, name, len(own[0].scene.setup.pins_m))
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own

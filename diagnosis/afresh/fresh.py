@@ -344,12 +344,13 @@ def at_state(look: FreshLook, capture: CaptureResult, state: KeyedDrape, near: f
 
 
 def bent(look: FreshLook, capture: CaptureResult, names: Sequence[str]) -> Responses:
-    """Through the outcomes of some effects at all sizes that were simulated so far, of a vector at the last one."""
+    """Through the outcomes of some effects at all sizes that were simulated so far; of a moved camera at the last."""
     coarse = look.coarse.setdefault(capture.id, capture.responses)
     effects = dict(coarse.effects)
     for name in names:
         effect = get_effect(name)
-        sizes = around(effect, look.sizes[name][-1]) if effect.vector else look.sizes[name]
+        seen_by_itself = effect.vector and not effect.moves_cloth  # rendered alone: nothing to solve
+        sizes = around(effect, look.sizes[name][-1]) if seen_by_itself else look.sizes[name]
         solved = [size for size in sizes if look.drape(capture, [(name, size)]).drape.ok]
         known = [(size, look.change(capture, [(name, size)])) for size in solved]
         if known:

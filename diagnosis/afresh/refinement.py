@@ -17,7 +17,7 @@ from diagnosis.workers import ALONE, Workers
 
 ROUNDS, PICTURE_ROUNDS = 2, 4
 """So often at most is looked again: at anything, and where the size of an effect on the camera has moved, for which
-nothing must be solved."""
+nothing but captures' states is sought again."""
 CANDIDATES, LATER_CANDIDATES = 3, 2
 """Effects on the cloth: in the first round, and later or beside those that come near the leader."""
 NEAR_NATS, TRIAL_NATS = 5.0, 8.0

@@ -125,9 +125,7 @@ class Cause:
 
     def doubted(self, most: float) -> Cause:
         """With no more probability than ``most`` for the one effect that is named, as by :meth:`refuted`."""
-        lost = self.probabilities[self.top] - most
-        if len(self.named) != 1 or lost <= 0.0:
-            return self
+        lost = max(0.0, self.probabilities[self.top] - most)
         alone = {n: max(0.0, p - lost) if n == self.top else p for n, p in self.alone.items()}
         return replace(self, probabilities=self._to_no_effect(lost), alone=alone)
 

@@ -55,14 +55,14 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
     while measured is not None and is_refuted(measured):  # ends: none and unknown get what effects lose
         cause = cause.refuted()
         measured = measure(cause) if cause.named else None
-    if measured is not None and measured.shrinkage.simulated_afresh and _is_one_of_form(cause):
+    if measured is not None and measured.shrinkage.simulated_afresh and _names_one_on_the_cloth(cause):
         for closed, most in LITTLE:
             if measured.shrinkage.fraction < closed:
                 cause = cause.doubted(most)
     return cause, measured
 
 
-def _is_one_of_form(cause: Cause) -> bool:
+def _names_one_on_the_cloth(cause: Cause) -> bool:
     """One effect on the cloth is named, of the same form in all repeats."""
     return len(cause.named) == 1 and is_mechanical(get_effect(cause.top)) and not get_effect(cause.top).random_repeats
 

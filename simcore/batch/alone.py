@@ -11,6 +11,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 from simcore.batch.request import Request
 from simcore.drape import Drape
@@ -52,31 +53,24 @@ class Alone:
             if self._solver is None:
                 self._solver = Solver(self._mesh)
             return [_put_up(self._solver, request, time_limit_s) for request in requests]
-        shares = [list(requests[k :: self._processes]) for k in range(min(self._processes, len(requests)))]
-        running = [self._send(share, time_limit_s) for share in shares]
-        answers = [_receive(process) for process in running]
+        shares = [requests[k :: self._processes] for k in range(min(self._processes, len(requests)))]
+        with ThreadPoolExecutor(len(shares)) as pool:
+            answers = list(pool.map(lambda share: _elsewhere(self._mesh, share, time_limit_s), shares))
         return [answers[n % len(shares)][n // len(shares)] for n in range(len(requests))]
 
-    def _send(self, requests: Sequence[Request], time_limit_s: float | None) -> subprocess.Popen[bytes]:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "simcore.batch.alone"],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
-        assert process.stdin is not None
-        process.stdin.write(pickle.dumps((self._mesh, requests, time_limit_s)))
-        process.stdin.close()
-        return process
 
-
-def _receive(process: subprocess.Popen[bytes]) -> list[Drape]:
-    assert process.stdout is not None
-    written = process.stdout.read()
-    code = process.wait()
-    if code != 0 or not written:
-        raise RuntimeError(f"a process that puts samples up one by one ended with status {code}")
-    answer = pickle.loads(written)
+def _elsewhere(mesh: GridMesh, requests: Sequence[Request], time_limit_s: float | None) -> list[Drape]:
+    """Drapes of one process, which tells on standard error what it fails of."""
+    done = subprocess.run(
+        [sys.executable, "-m", "simcore.batch.alone"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        input=pickle.dumps((mesh, requests, time_limit_s)),
+        stdout=subprocess.PIPE,
+        check=False,
+    )
+    if done.returncode != 0:
+        raise RuntimeError(f"a process that puts samples up one by one ended with status {done.returncode}")
+    answer = pickle.loads(done.stdout)
     if isinstance(answer, DrapemeterError):
         raise answer
     drapes: list[Drape] = answer

@@ -39,7 +39,7 @@ class Device:
         self.torch = torch.device(arch)
 
     @contextmanager
-    def alone(self) -> Iterator[None]:
+    def one_thread(self) -> Iterator[None]:
         """On ``cpu`` let PyTorch use one thread, as Taichi does: a worker owns a core."""
         if self.arch == "cuda":
             yield

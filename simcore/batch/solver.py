@@ -106,7 +106,7 @@ class BatchSolver:
         began = time.process_time()
         # libraries have another way with a single matrix, whose last bits differ from those it has in a batch
         single = len(requests) == 1
-        with torch.no_grad(), self.device.alone():
+        with torch.no_grad(), self.device.one_thread():
             rest, energy, steps = self._cascade([*requests, *requests] if single else requests)
         seconds = (time.process_time() - began) / len(requests)
         drapes = []

@@ -108,7 +108,7 @@ def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     alone = put_up + parameters + pins + draft + beside + led
     assert found.most_simulations == alone + looked_at + further + pairs + missed
     through_a_camera = costs("air_draft", "range_noise", "camera_rotation")
-    assert through_a_camera.most_simulations == found.most_simulations + 2 * 3  # three led on, in each of two rounds
+    assert through_a_camera.most_simulations == found.most_simulations + 4 * 3  # three led on, in each of four rounds
     assert found.simulations == put_up + parameters + pins + draft + led + 3
 
 

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 SCRIPT = """
-import sys
 import numpy as np
 from simcore import lang
 begin = lang.ti.init
