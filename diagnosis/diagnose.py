@@ -23,6 +23,7 @@ from diagnosis.gap.where import where_gaps
 from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.inference.block import Block, PixelBlock, make_block, make_pixel_block
 from diagnosis.inference.cause import Cause, name_cause
+from diagnosis.inference.granted import likeliest
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.repeats import pin_scatter
@@ -207,9 +208,11 @@ class _Conclusion:
             looks = look_beside(looks, likely, scene, self.workers)
             looks = look_together(looks, name, scene, self.workers)
             results = [look.result for look in looks.values()]
+        cause = name(results)
+        noise = replace(cause.errors, grip_alike=False)
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
         close = _all_alike(noise)
-        weighed, cause = make_blocks(results, close), name(results)
+        weighed = make_blocks(results, close)
         folds = [
             replace(fold, rest=own.rest)
             for fold, own in zip(folds_of(results, blocks, noise), folds_of(results, weighed, close), strict=True)
@@ -259,16 +262,23 @@ class _Conclusion:
 
     def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
         """All explanations weighed, two effects together included."""
-        blocks = make_blocks(results, _all_alike(noise))
-        return name_cause(self.effects, blocks, _pixels(results, noise), self.model)
+
+        def weigh(errors: NoiseModel) -> Cause:
+            return name_cause(self.effects, make_blocks(results, errors), _pixels(results, errors), self.model)
+
+        return likeliest(weigh, _all_alike(noise))
 
     def weigh(self, results: Sequence[FabricResult], beside: Sized | None, noise: NoiseModel) -> Cause:
         """Single effects alone, to choose what is simulated: their responses are not yet trusted in any scene."""
-        blocks, pixels = make_blocks(results, _all_alike(noise)), _pixels(results, noise)
-        if beside is not None:
-            blocks = [without(block, *beside) for block in blocks]
-            pixels = pixels_without(pixels, *beside)
-        return name_cause(self.effects, blocks, pixels, replace(self.model, moved_stretch=ROUGH), pairs=False)
+
+        def weigh(errors: NoiseModel) -> Cause:
+            blocks, pixels = make_blocks(results, errors), _pixels(results, errors)
+            if beside is not None:
+                blocks = [without(block, *beside) for block in blocks]
+                pixels = pixels_without(pixels, *beside)
+            return name_cause(self.effects, blocks, pixels, replace(self.model, moved_stretch=ROUGH), pairs=False)
+
+        return likeliest(weigh, _all_alike(noise))
 
 
 def _all_alike(noise: NoiseModel) -> NoiseModel:

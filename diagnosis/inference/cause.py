@@ -17,6 +17,7 @@ from diagnosis.inference.evidence import Evidence, Table, tabulate, tabulate_not
 from diagnosis.inference.holds import held, holds_of, log_weights, over_holds, tried_with_two
 from diagnosis.inference.larger import larger_than_chance, usual_square
 from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.one_fabric import by_more_than_one
 from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, weigh_pairs
 from diagnosis.inference.something_beside import something_beside
@@ -83,6 +84,8 @@ class Cause:
         alone: what of the probabilities is not a pair's.
         left: mean square of what the most probable explanation leaves in most fabrics
             (:func:`diagnosis.inference.larger.usual_square`); None where that was not looked at.
+        likelihood: log likelihood of the captures' shapes and shared numbers, over all explanations.
+        errors: that it was weighed under (:mod:`diagnosis.inference.granted`).
     """
 
     probabilities: Mapping[str, float]
@@ -93,6 +96,8 @@ class Cause:
     alone: Mapping[str, float] = field(default_factory=dict)
     tried: tuple[Pair, ...] = ()
     left: float | None = None
+    likelihood: float = -np.inf
+    errors: NoiseModel = NoiseModel()
 
     @property
     def top(self) -> str:
@@ -195,7 +200,8 @@ def name_cause(
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
     two = [beyond_the_first(pair, evidence) for pair in tried]
     found = [pair for pair in two if pair.evidence.log_evidence > evidence[pair.first].log_evidence + SECOND_NATS]
-    cause = replace(_weigh(shares, evidence, found, prior), tried=tuple(tried))
+    cause = _weigh(shares, evidence, found, prior)
+    cause = replace(cause, tried=tuple(tried), likelihood=cause.likelihood + float(sum(reference)))
     return replace(cause, left=_left_by(cause, as_held)) if pairs else cause
 
 
@@ -294,6 +300,7 @@ def _reference(
 def _weigh(
     before: Mapping[str, float], evidence: Mapping[str, Evidence], pairs: list[Pair], prior: CausePrior
 ) -> Cause:
+    """Probabilities; the likelihood is over that of the reference that evidence is held against."""
     rest = sum(share for name, share in before.items() if name not in NOT_EFFECTS)
     weight = {name: e.log_evidence + np.log(before[name]) for name, e in evidence.items()}
     chance = [2 * prior.two * before[p.first] * before[p.second] / rest**2 for p in pairs]
@@ -307,4 +314,5 @@ def _weigh(
     others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
     factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
     best = pairs[int(np.argmax(two))] if pairs else None
-    return Cause(probabilities, evidence, float(factor), best, float(np.exp(np.array(two) - total).sum()), alone)
+    pair_probability = float(np.exp(np.array(two) - total).sum())
+    return Cause(probabilities, evidence, float(factor), best, pair_probability, alone, likelihood=total)

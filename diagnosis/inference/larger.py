@@ -28,10 +28,11 @@ def usual_square(blocks: Sequence[Block]) -> float | None:
     """Mean square of a fabric's whitened residuals in ``stretch``, the (lower) median of all fabrics.
 
     What the noise of pixels makes of it is not counted: that is as large as modelled, all else half as large. One
-    fabric of several may have wrong parameters or other folds. None where fewer than two were seen.
+    fabric of several may have wrong parameters or other folds. In units of the usual errors, whichever the blocks were
+    whitened by. None where fewer than two were seen.
     """
     chosen = [b for b in blocks if b.scene == "stretch" and b.sensed < MOST_SENSED]
-    squares = [max(0.0, float(np.mean(b.stated.measured**2)) - b.sensed) / (1.0 - b.sensed) for b in chosen]
+    squares = [max(0.0, float(np.mean(b.stated.measured**2)) - b.sensed) / (1.0 - b.sensed) / b.usual for b in chosen]
     return float(np.quantile(squares, 0.5, method="lower")) if len(squares) > 1 else None
 
 
