@@ -269,16 +269,15 @@ class _Conclusion:
         return likeliest(weigh, _all_alike(noise))
 
     def weigh(self, results: Sequence[FabricResult], beside: Sized | None, noise: NoiseModel) -> Cause:
-        """Single effects alone, to choose what is simulated: their responses are not yet trusted in any scene."""
+        """Single effects alone, to choose what is simulated: their responses are not yet trusted in any scene.
 
-        def weigh(errors: NoiseModel) -> Cause:
-            blocks, pixels = make_blocks(results, errors), _pixels(results, errors)
-            if beside is not None:
-                blocks = [without(block, *beside) for block in blocks]
-                pixels = pixels_without(pixels, *beside)
-            return name_cause(self.effects, blocks, pixels, replace(self.model, moved_stretch=ROUGH), pairs=False)
-
-        return likeliest(weigh, _all_alike(noise))
+        Nor are errors taken for smaller than usual, since those of coarse responses are not.
+        """
+        blocks, pixels = make_blocks(results, _all_alike(noise)), _pixels(results, noise)
+        if beside is not None:
+            blocks = [without(block, *beside) for block in blocks]
+            pixels = pixels_without(pixels, *beside)
+        return name_cause(self.effects, blocks, pixels, replace(self.model, moved_stretch=ROUGH), pairs=False)
 
 
 def _all_alike(noise: NoiseModel) -> NoiseModel:
