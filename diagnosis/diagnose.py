@@ -164,7 +164,8 @@ def conclude(
         effects: names that were tried.
         assumed: what had to be, in words.
         began: when the work began (monotonic), for the report's cost.
-        noise, model: of errors and likelihood.
+        noise: the usual errors; the captures may make smaller ones likely (:mod:`diagnosis.inference.granted`).
+        model: of the likelihood.
         cache: where fresh simulations of what may be named are kept; None: statistics alone.
         lpips: measure the shrinkage in LPIPS, too; needs ``cache``.
         workers: that simulate fabrics side by side.
@@ -209,7 +210,7 @@ class _Conclusion:
             looks = look_together(looks, name, scene, self.workers)
             results = [look.result for look in looks.values()]
         cause = name(results)
-        noise = replace(cause.errors, grip_alike=False)
+        noise = cause.errors
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
         close = _all_alike(noise)
         weighed = make_blocks(results, close)
@@ -261,12 +262,13 @@ class _Conclusion:
         return replace(found, pin_radius_m=again[0].task.captures[0].scene.setup.pin_radius_m)
 
     def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
-        """All explanations weighed, two effects together included."""
+        """All explanations weighed, two effects together included, under the errors that the captures make likely."""
 
         def weigh(errors: NoiseModel) -> Cause:
-            return name_cause(self.effects, make_blocks(results, errors), _pixels(results, errors), self.model)
+            blocks = make_blocks(results, _all_alike(errors))
+            return name_cause(self.effects, blocks, _pixels(results, errors), self.model)
 
-        return likeliest(weigh, _all_alike(noise))
+        return likeliest(weigh, noise)
 
     def weigh(self, results: Sequence[FabricResult], beside: Sized | None, noise: NoiseModel) -> Cause:
         """Single effects alone, to choose what is simulated: their responses are not yet trusted in any scene.

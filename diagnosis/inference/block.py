@@ -60,7 +60,7 @@ class Block:
         grip: change from what the stated magnets hold to a point, or from a point to a patch [m], [n]; None
             where it is granted to each fabric as an error.
         sensed: mean square of the stated view's whitened errors that is the noise of pixels.
-        usual: what the mean square of all whitened errors is over that with the usual errors.
+        calm_square: mean square of whitened residuals where nothing is there, over that with the usual errors.
     """
 
     fabric: str
@@ -76,7 +76,7 @@ class Block:
     density: float = math.nan
     grip: Array | None = None
     sensed: float = 0.0
-    usual: float = 1.0
+    calm_square: float = 1.0
 
     @property
     def views(self) -> tuple[View, View]:
@@ -129,7 +129,7 @@ def make_block(
         density,
         np.concatenate([c.responses.grip for c in captures])[seen] if model.grip_alike else None,
         float(np.mean((whiten(views[0], np.diag(np.sqrt(pixels[seen]))) ** 2).sum(axis=0))),
-        model.usual_square,
+        model.calm_square,
     )
 
 

@@ -32,7 +32,9 @@ def usual_square(blocks: Sequence[Block]) -> float | None:
     whitened by. None where fewer than two were seen.
     """
     chosen = [b for b in blocks if b.scene == "stretch" and b.sensed < MOST_SENSED]
-    squares = [max(0.0, float(np.mean(b.stated.measured**2)) - b.sensed) / (1.0 - b.sensed) / b.usual for b in chosen]
+    squares = [
+        max(0.0, float(np.mean(b.stated.measured**2)) - b.sensed) / (1.0 - b.sensed) / b.calm_square for b in chosen
+    ]
     return float(np.quantile(squares, 0.5, method="lower")) if len(squares) > 1 else None
 
 

@@ -46,8 +46,8 @@ class NoiseModel:
         plane_m: offset and change across the panel's picture: what a stated pose and sensor are good for.
         wide_sigma: relative uncertainty of a fabric whose stated parameters are simply wrong.
         pixel_sigma: of each pixel statistic with a stated sensor.
-        usual_square: mean square of residuals in units of these errors where nothing is there, over that with the usual
-            ones (:mod:`diagnosis.inference.larger`).
+        calm_square: mean square of residuals in units of these errors where nothing is there, over that with the usual
+            errors (:mod:`diagnosis.inference.larger`).
     """
 
     floor_m: float = 0.00003
@@ -76,7 +76,7 @@ class NoiseModel:
     plane_m: float = 0.0003
     wide_sigma: float = 0.6
     pixel_sigma: tuple[float, ...] = (0.02, 0.02, 0.1, 0.001, 0.03, 0.03, 0.03)
-    usual_square: float = 1.0
+    calm_square: float = 1.0
 
 
 def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float], model: NoiseModel) -> Array:

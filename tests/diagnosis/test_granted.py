@@ -10,7 +10,7 @@ import pytest
 
 from diagnosis.diagnose import conclude
 from diagnosis.inference.cause import Cause
-from diagnosis.inference.granted import NEAR_M, likeliest, sizes_of_errors
+from diagnosis.inference.granted import NEAR_M, NEAR_SQUARE, likeliest, sizes_of_errors
 from diagnosis.inference.noise import NoiseModel
 from diagnosis.tasks.fabric_task import FabricResult
 from tests.diagnosis.conftest import CANDIDATES, Diagnose, MakeSet
@@ -28,7 +28,8 @@ def otherwise(results: Sequence[FabricResult], size_m: float) -> list[FabricResu
     for result in results:
         centre = result.captures[0].reference.centre
         distance = np.linalg.norm(centre[:, None] - centre[None], axis=2)
-        kernel = 0.5 * np.exp(-0.5 * (distance / 0.15) ** 2) + 0.5 * np.exp(-0.5 * (distance / 0.04) ** 2)
+        lengths = (NoiseModel().length, NoiseModel().short_length)
+        kernel = sum(0.5 * np.exp(-0.5 * (distance / length) ** 2) for length in lengths)
         factor = np.linalg.cholesky(kernel + 1e-9 * np.eye(len(kernel)))
         error = size_m * factor @ rng.standard_normal(len(kernel))
         captures = tuple(
@@ -52,8 +53,8 @@ def test_a_simulation_that_differs_is_granted_the_usual_errors(plain: tuple[Fabr
 def test_everything_after_goes_by_the_same_errors(plain: tuple[FabricResult, ...]) -> None:
     """Blocks that regions and shares are judged by are whitened by the errors that the answer was found with."""
     near, far = conclude(plain, CANDIDATES), conclude(otherwise(plain, 0.0004), CANDIDATES)
-    assert all(block.usual > 1.0 for block in near.blocks)
-    assert all(block.usual == 1.0 for block in far.blocks)
+    assert all(block.calm_square == NEAR_SQUARE for block in near.blocks)
+    assert all(block.calm_square == 1.0 for block in far.blocks)
 
 
 def test_the_likelier_answer_is_taken() -> None:

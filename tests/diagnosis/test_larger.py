@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -52,6 +53,13 @@ def fabrics(
 def named(blocks: Sequence[Block]) -> Cause:
     still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in NAMES}
     return name_cause(NAMES, blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
+
+
+def test_a_square_is_told_in_units_of_the_usual_errors() -> None:
+    """Under smaller errors residuals of the same cloth are larger, which is nothing more than they are."""
+    usual = fabrics([0.5, 0.6, 0.7])
+    smaller = [replace(block, calm_square=2.0) for block in fabrics([1.0, 1.2, 1.4])]
+    assert usual_square(smaller) == pytest.approx(usual_square(usual))
 
 
 def test_odds_rise_from_calm_to_plain_and_no_further() -> None:
