@@ -15,6 +15,7 @@ import numpy as np
 from capture.capture_set import CAPTURES_FILE
 from diagnosis.effect import SCALAR, Effect, Size
 from diagnosis.effects import catalogue, get_effect
+from diagnosis.groups import group_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.synthesis import DIAGNOSABLE, SynthesisPlan, make_capture_set, real_fabric
 from renderer.atomic import write_atomically
@@ -144,6 +145,8 @@ def draw_label(number: int, plan: BlindPlan) -> Label:
         return Label(kind, ((effect, effect.draw(rng)),))
     if kind == "two":
         first, second = rng.choice(len(visible), size=2, replace=False)
+        while visible[second].name in group_of(visible[first].name):  # declared inseparable: they count as one
+            second = rng.choice(len(visible))
         return Label(kind, tuple((visible[k], visible[k].draw(rng)) for k in (int(first), int(second))))
     if kind == "withheld":
         effect = get_effect(plan.withhold[turn % len(plan.withhold)])

@@ -9,45 +9,36 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
-from scipy.stats import f as f_distribution
 
 from diagnosis.effect import SCALAR, Effect, Stage
 from diagnosis.effects import get_effect
-from diagnosis.inference.block import Block, PixelBlock, View, whiten
+from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.intervals import all_inside, size_interval
 from diagnosis.inference.likelihood import (
-    Lengths,
     LikelihoodModel,
     combine,
     over_views,
     pixel_log_likelihood,
     view_log_likelihood,
 )
-from diagnosis.inference.smooth_modes import smooth_modes
+from diagnosis.inference.scatter import Scatter, scattered_nats, widened
 from diagnosis.inference.vector_fit import fit_vector
 from diagnosis.simulation.sizes import (
     fading,
     grid,
     interpolation,
     log_prior,
-    node_values,
     node_weights,
     response_forms,
     vector_step,
 )
 
 Array = NDArray[np.float64]
-FURTHER_DRAWS = 0.7
-"""Root mean square of what further random draws give that the simulated ones do not span, of the latter's."""
-SCATTER_LEFT = 0.5
-"""Of the scatter that an effect gives, what is left between captures and the states that they themselves lead to."""
 SIZE_SHARES = {"cloth": 0.2, "camera": 0.15, "scatter": 0.4, "sensor": 0.0}
 """Relative error of a fitted size that all captures share: wrong in form, a simulated response is fitted too short or
 too long everywhere; what moved magnets explain of scatter is missing from it."""
 FADED = 0.5
 """A size whose prior has faded by more than this is outside its effect's range."""
-SCATTER_FREEDOM = 4.0
-"""Degrees of freedom of a smooth random shape."""
 
 
 @dataclass(frozen=True)
@@ -237,13 +228,11 @@ def _twin_forms(effect: Effect, sizes: Array, block: Block, as_simulated: bool) 
 def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
     """An effect that is another in every repeat widens the blocks' covariance.
 
-    The responses simulated for some random draws give the spread and its size; what other draws would give is a smooth
-    change of the same size, another one in every capture. So many directions explain any small errors, and the others
-    are then smaller still: errors that are no larger than modelled gain nothing by it.
+    Its many directions explain any small errors, and the others are then smaller still: errors that are no larger than
+    modelled gain nothing by it.
     """
     sizes = grid(effect)
     modelled = replace(model, least_scale=1.0)
-    step = SCATTER_LEFT * np.abs(sizes) / node_values(effect)[0]
     in_stretch = any(block.scene == "stretch" for block in blocks)
     values = []
     for block in blocks:
@@ -251,71 +240,22 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
             still = [_at_rest(view, block.scene, model) for view in block.views]
             values.append(np.repeat(over_views(np.stack(still), model), len(sizes)))
             continue
-        forms = _forms_of_each_capture(block)
         rows = []
         for view in block.views:
-            draws = view.scatter[effect.name] / np.sqrt(len(effect.places))
-            length = float(np.sqrt(np.sum((draws @ view.factor.T) ** 2) / len(block.owner)))
-            further = FURTHER_DRAWS * length * whiten(view, forms).T
-            wider = widened(view, np.concatenate([draws, further]), step, block.scene, modelled)
+            wider = widened(view, Scatter.of(view, block, effect, sizes), block.scene, modelled)
             gain = wider - _at_rest(view, block.scene, modelled)
             rows.append(_at_rest(view, block.scene, model) + gain)
         values.append(over_views(np.stack(rows), model))
     calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
-    contradicted = sum(_scatter_contradicted(block) for block in blocks if block.scene == "stretch")
+    scattered = min(0.0, sum(scattered_nats(block) for block in blocks if block.scene == "stretch"))
     place = dict(effect.places[0])
     return Table(
         effect.name,
         tuple(values),
-        np.repeat(calm + contradicted, len(sizes)),
+        np.repeat(calm + scattered, len(sizes)),
         log_prior(effect, sizes),
         tuple({SCALAR: float(size)} | place for size in sizes),
     )
-
-
-def widened(view: View, directions: Array, factors: Array, scene: str, model: LikelihoodModel) -> Array:
-    """Log likelihood of a block whose covariance grows by each factor's square along some directions, [factors].
-
-    Along what was taken away from it, that response's own uncertainty is all there is.
-    """
-    measured, count = view.measured, len(view.measured)
-    taken = np.reshape(view.taken, (-1, count))
-    known = Lengths.of((taken @ taken.T)[None], (taken @ measured)[None], count, model, alone=False)
-    along = np.linalg.qr(taken.T)[0]
-    scale = float(np.sqrt(known.grown[0]))
-    beside = (measured - along @ (along.T @ measured)) / scale
-    _, spread, basis = np.linalg.svd((directions - (directions @ along) @ along.T) / scale, full_matrices=False)
-    seen = basis @ beside
-    variance = 1.0 + np.outer(factors**2, spread**2)
-    rest = float(beside @ beside) - float(seen @ seen)
-    square = (rest + (seen**2 / variance).sum(axis=1)) * model.dimension_share + known.square[0]
-    spent = 0.5 * np.log(variance).sum(axis=1) + view.log_det + 0.5 * count * np.log(known.grown[0])
-    density = model.log_density(square, count * model.dimension_share, scene)
-    return np.asarray(density - model.dimension_share * spent - known.spent[0])
-
-
-def _forms_of_each_capture(block: Block) -> Array:
-    """Smooth changes of each capture alone, [n, captures * forms]."""
-    forms = smooth_modes()[block.cell]
-    return np.concatenate([forms * (block.owner == k)[:, None] for k in range(len(block.captures))], axis=1)
-
-
-def _scatter_contradicted(block: Block) -> float:
-    """Log likelihood that repeats which share a difference lose under an effect that is another in each of them.
-
-    The mean over repeats and their differences would have one variance: their ratio has an F distribution.
-    """
-    count = len(block.captures)
-    if count < 2:
-        return 0.0
-    values = block.metres(block.stated.measured)
-    table = np.full((count, int(block.cell.max()) + 1), np.nan)
-    table[block.owner, block.cell] = values
-    seen = table[:, np.isfinite(table).all(axis=0)]
-    between = count * float(np.mean(seen.mean(axis=0) ** 2))
-    within = float(np.var(seen, axis=0, ddof=1).mean())
-    freedom = (SCATTER_FREEDOM, SCATTER_FREEDOM * (count - 1))
-    return min(0.0, float(f_distribution.logpdf(between / within, *freedom) - f_distribution.logpdf(1.0, *freedom)))
 
 
 def _tabulate_vector(

@@ -16,6 +16,7 @@ from diagnosis.inference.evidence import Evidence, Table, or_unmoved, tabulate, 
 from diagnosis.inference.holds import over_holds
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.one_fabric import by_more_than_one
+from diagnosis.inference.scatter import with_scatter
 from diagnosis.inference.subtract import pixels_together, pixels_without, together, without
 
 Array = NDArray[np.float64]
@@ -77,12 +78,12 @@ def weigh_pairs(
     """
     weights = np.array([way.weight for way in ways])
     plain = [_as_simulated(way.tables, way.blocks, pixels, model) for way in ways]
+    plain = [[_fixed(table, way, pixels, peaks, model) for table in own] for way, own in zip(ways, plain, strict=True)]
     under_peaks = {
         same[0].name: over_holds(same, weights).weigh(blocks, peaks, model) for same in zip(*plain, strict=True)
     }
     able = [name for name in effects if not get_effect(name).holds]
-    usable = [name for name in able if not get_effect(name).random_repeats]
-    first_names = sorted(usable, key=lambda name: -under_peaks[name].log_evidence)[:FIRST_EFFECTS]
+    first_names = sorted(able, key=lambda name: -under_peaks[name].log_evidence)[:FIRST_EFFECTS]
     both = []
     for way, tables in zip(ways, plain, strict=True):
         alone = {table.name: table.weigh(blocks, peaks, model) for table in tables if table.name in first_names}
@@ -101,7 +102,8 @@ def weigh_pairs(
 
 def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence]) -> Pair:
     """Without what the second gains by what the first leaves."""
-    if not all(get_effect(name).moves_cloth for name in (pair.first, pair.second)):
+    first, second = get_effect(pair.first), get_effect(pair.second)
+    if not first.moves_cloth or not (second.moves_cloth or second.random_repeats):
         return pair
     gained = max(0.0, evidence[pair.first].log_evidence - evidence["none"].log_evidence)
     own = pair.evidence
@@ -125,22 +127,34 @@ def _pairs(
     for first in first_names:
         size: Mapping[str, float] = evidence[first].size
         occam = evidence[first].log_evidence - evidence[first].best
+        scatters = get_effect(first).random_repeats
+        wider = [with_scatter(block, first, size) for block in blocks] if scatters else None
         for second in effects:
             if second in group_of(first) or frozenset({first, second}) in seen:
                 continue
             seen.add(frozenset({first, second}))
-            own = [together(block, first, second) for block in blocks]
+            own = wider or [together(block, first, second) for block in blocks]
             seen_with = pixels_together(pixels, first, second)
             table = _given(second, first, size, own, seen_with, model, nothing)
             best = [float(values.max()) for values in table.blocks]
             sizes = {first: size, second: table.weigh(blocks, best, model).size}
-            if not get_effect(second).random_repeats:
+            if not any(get_effect(name).random_repeats for name in (first, second)):
                 back = _given(first, second, sizes[second], own, seen_with, model, nothing)
                 sizes[first] = back.weigh(blocks, [float(v.max()) for v in back.blocks], model).size
                 table = _given(second, first, sizes[first], own, seen_with, model, nothing)
                 sizes[second] = table.weigh(blocks, [float(v.max()) for v in table.blocks], model).size
             found.append((first, sizes, replace(table, prior=table.prior + occam)))
     return found
+
+
+def _fixed(table: Table, way: AsHeld, pixels: PixelBlock, peaks: Sequence[float], model: LikelihoodModel) -> Table:
+    """An effect that is another in every repeat, at its best size: as it is when another one is tried beside it."""
+    if not get_effect(table.name).random_repeats:
+        return table
+    found = table.weigh(way.blocks, peaks, model)
+    alone = tabulate_nothing([with_scatter(block, table.name, found.size) for block in way.blocks], pixels, model)
+    prior = np.array([found.log_evidence - found.best])
+    return replace(table, blocks=alone.blocks, pixels=alone.pixels, prior=prior, sizes=(found.size,))
 
 
 def _as_simulated(
@@ -170,7 +184,10 @@ def _given(
     model: LikelihoodModel,
     nothing: Table,
 ) -> Table:
-    """One effect where another of known size is there too; two of any form would fit any folds."""
+    """One effect where another of known size is there too; two of any form would fit any folds.
+
+    ``blocks`` hold what the other scatters, if it does.
+    """
     left = [without(block, other, size) for block in blocks]
     seen = [float(still.max()) for still in tabulate_nothing(left, pixels, model).blocks]
     if get_effect(other).moves_cloth:  # its response may have left the folds that are seen, too

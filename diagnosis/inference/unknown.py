@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.inference.block import Block, PixelBlock, whiten
-from diagnosis.inference.evidence import Table, tabulate_nothing, widened
+from diagnosis.inference.evidence import Table, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel, pixel_unknown
+from diagnosis.inference.scatter import Scatter, widened
 from diagnosis.inference.smooth_modes import smooth_modes
 
 Array = NDArray[np.float64]
@@ -71,4 +72,5 @@ def unknown_shape(block: Block, model: LikelihoodModel) -> Array:
     larger errors all over do not grant.
     """
     view = block.stated
-    return widened(view, whiten(view, smooth_modes()[block.cell]).T, UNKNOWN_SHAPES_M, block.scene, model)
+    shapes = Scatter.along(whiten(view, smooth_modes()[block.cell]).T, UNKNOWN_SHAPES_M)
+    return widened(view, shapes, block.scene, model)

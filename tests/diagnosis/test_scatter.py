@@ -10,8 +10,9 @@ import pytest
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
-from diagnosis.inference.evidence import SCATTER_LEFT, tabulate, tabulate_nothing
+from diagnosis.inference.evidence import tabulate, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.scatter import SCATTER_LEFT, UNSPANNED
 from diagnosis.inference.smooth_modes import smooth_modes
 from diagnosis.measurement.reference import CELLS
 from diagnosis.simulation.sizes import node_values
@@ -23,16 +24,19 @@ QUIET = PixelBlock(np.zeros(1), {EFFECT.name: np.zeros((len(EFFECT.places), 1))}
 
 
 def fabrics(size: float, *, shared: bool = False, errors: float = 1.0) -> list[Block]:
-    """Fabrics in ``stretch`` whose repeats show smooth random changes of this size, or all the same one.
+    """Fabrics in ``stretch`` whose repeats show random changes of this size, or all the same one.
 
-    Errors are so large [0.3 mm, as which they are modelled]; the simulated draws are five times that. Half of what the
-    effect gives is left to be seen.
+    They are smooth but for as much as those are that are simulated (:data:`UNSPANNED`). Errors are so large [0.3 mm, as
+    which they are modelled]; the simulated draws are five times that. A part of what the effect gives is left to be
+    seen (:data:`SCATTER_LEFT`).
     """
     rng = np.random.default_rng(5)
     modes = smooth_modes()[:COUNT] / np.sqrt(np.mean(np.sum(smooth_modes()[:COUNT] ** 2, axis=1)))
     blocks = []
     for fabric in range(FABRICS):
-        draws = 5.0 * (modes @ rng.standard_normal((modes.shape[1], 3 + REPEATS))).T
+        smooth = (modes @ rng.standard_normal((modes.shape[1], 3 + REPEATS))).T
+        rough = rng.standard_normal((3 + REPEATS, COUNT))
+        draws = 5.0 * (np.sqrt(1.0 - UNSPANNED) * smooth + np.sqrt(UNSPANNED) * rough)
         seen = np.repeat(draws[-1:], REPEATS, axis=0) if shared else draws[3:]
         measured = (SCATTER_LEFT * size / SIMULATED * seen + errors * rng.standard_normal((REPEATS, COUNT))).ravel()
         rows = np.concatenate([np.kron(np.eye(REPEATS)[k], draws[:3]) for k in range(REPEATS)])

@@ -75,9 +75,10 @@ def test_scatter_beside_what_was_taken_away_does_not_explain_its_length() -> Non
     name, strong = "bending_hysteresis", 20.0 * rng.standard_normal(COUNT)
     measured = rng.standard_normal(COUNT) + 0.08 * strong
     block, pixels = blocks_of({})[0], PixelBlock(np.zeros(0), {}, sensor_known=True)
+    draws = np.concatenate([np.outer([0.3, -0.3, 0.3], strong * (block.owner == k)) for k in range(2)])
     gained = []
     for taken in ((), (strong,)):
-        seen = View(measured, {}, {name: 0.3 * strong[None]}, np.eye(COUNT), 0.0, taken=taken)
+        seen = View(measured, {}, {name: draws}, np.eye(COUNT), 0.0, taken=taken)
         own = [replace(block, stated=seen, wide=seen)]
         still = tabulate_nothing(own, pixels, MODEL).blocks[0]
         gained.append(float(tabulate(get_effect(name), own, pixels, MODEL).blocks[0].max() - still[0]))
@@ -170,9 +171,10 @@ def test_scatter_in_hanging_is_no_hysteresis_beside_an_effect_on_the_cloth() -> 
     """Folds that fell there look like scatter: beside ``stretch`` that counts for nothing, of two effects as of one."""
     rng = np.random.default_rng(11)
     names, name = ("air_draft", "bending_hysteresis"), "bending_hysteresis"
-    draws = rng.standard_normal((8, COUNT))
+    half = np.arange(COUNT) < COUNT // 2
+    draws = np.concatenate([rng.standard_normal((3, COUNT)) * own for own in (half, ~half)])
     stretch = [replace(b.stated, scatter={name: draws}) for b in blocks_of({"air_draft": DRAFT})]
-    fallen = [3.0 * rng.standard_normal(8) @ draws + rng.standard_normal(COUNT) for _ in stretch]
+    fallen = [3.0 * rng.standard_normal(6) @ draws + rng.standard_normal(COUNT) for _ in stretch]
     hanging = [replace(v, measured=measured) for v, measured in zip(stretch, fallen, strict=True)]
     parts = blocks_of({"air_draft": DRAFT})
     blocks = [replace(b, stated=v, wide=v) for b, v in zip(parts, stretch, strict=True)]

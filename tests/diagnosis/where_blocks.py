@@ -98,5 +98,5 @@ def _view(measured: Array, responses: Mapping[str, Array], matrix: Array) -> Vie
         return np.asarray(solve_triangular(factor, rows.T, lower=True).T)
 
     shown = {name: whitened(rows) for name, rows in responses.items()}
-    scatter = {"bending_hysteresis": whitened(np.kron(np.eye(REPEATS), 0.01 * BULGE[None]))}
+    scatter = {"bending_hysteresis": whitened(np.kron(np.eye(REPEATS), np.outer([0.01, -0.01, 0.005], BULGE)))}
     return View(whitened(measured[None])[0], shown, scatter, factor, float(np.log(np.diag(factor)).sum()))
