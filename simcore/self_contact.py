@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,8 @@ APART = 2
 """Cells between two parts from which on they count as parts of their own."""
 FAR = 4
 """Cells along the cloth from which on nearness in space means a fold."""
+PART = 40_000
+"""Pairs that are looked at together: where a cell is far stretched, a million lie within its length."""
 SLACK_CELLS = 0.3
 """How far vertices may go before the pairs that can touch are looked up again [cells]."""
 
@@ -76,9 +79,8 @@ class SelfContact:
         """[J]; infinite where the cloth crosses itself."""
         points = x.reshape(-1, 3)
         _, _, piercing = self._candidates(points)
-        if len(piercing):
-            segments, corners = points[self._edges[piercing[:, 0]]], points[self._triangles[piercing[:, 1]]]
-            if pierces(segments, corners).any():
+        for part in _parts(piercing):
+            if pierces(points[self._edges[part[:, 0]]], points[self._triangles[part[:, 1]]]).any():
                 return math.inf
         t = self._pairs(points).distance / self.reach
         return float(-self._scale * np.sum((t - 1.0) ** 2 * np.log(np.maximum(t, 1e-300))))
@@ -182,23 +184,51 @@ class SelfContact:
         long = 0.5 * float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
         of_triangles, of_edges = cKDTree(centres), cKDTree(middles)
         own = points[chosen]
-        corner_pairs = self._apart(_near(cKDTree(own), of_triangles, wide + clear), chosen[:, None], tris)
-        corner_pairs = corner_pairs[_gaps(own, corners, corner_pairs) < clear]
-        edge_pairs = of_edges.query_pairs(2.0 * long + clear, output_type="ndarray").astype(np.int64)
-        edge_pairs = self._apart(edge_pairs, sides, sides)
-        s, t = on_edges(ends[edge_pairs[:, 0]], ends[edge_pairs[:, 1]])
-        between = _along(ends[edge_pairs[:, 0]], s) - _along(ends[edge_pairs[:, 1]], t)
-        edge_pairs = edge_pairs[np.linalg.norm(between, axis=1) < clear]
-        piercing = self._apart(_near(of_edges, of_triangles, long + wide + clear), sides, tris)
-        piercing = piercing[_gaps(middles, corners, piercing) < long + clear]
+
+        def between(pairs: Ints) -> Array:
+            s, t = on_edges(ends[pairs[:, 0]], ends[pairs[:, 1]])
+            gap = _along(ends[pairs[:, 0]], s) - _along(ends[pairs[:, 1]], t)
+            return np.asarray(np.linalg.norm(gap, axis=1))
+
+        corner_pairs = _kept(
+            _near(cKDTree(own), of_triangles, wide + clear),
+            lambda pairs: self._apart(pairs, chosen[:, None], tris),
+            lambda pairs: _gaps(own, corners, pairs) < clear,
+        )
+        edge_pairs = _kept(
+            of_edges.query_pairs(2.0 * long + clear, output_type="ndarray").astype(np.int64),
+            lambda pairs: self._apart(pairs, sides, sides),
+            lambda pairs: between(pairs) < clear,
+        )
+        piercing = _kept(
+            _near(of_edges, of_triangles, long + wide + clear),
+            lambda pairs: self._apart(pairs, sides, tris),
+            lambda pairs: _gaps(middles, corners, pairs) < long + clear,
+        )
         return corner_pairs, edge_pairs, piercing
 
-    def _apart(self, pairs: Ints, first: Ints, second: Ints) -> Ints:
-        """Those pairs of which every vertex is ``APART`` cells from every vertex of the other part."""
+    def _apart(self, pairs: Ints, first: Ints, second: Ints) -> NDArray[np.bool_]:
+        """Whether every vertex of a part is ``APART`` cells from every vertex of the other one, [pairs]."""
         a, b = first[pairs[:, 0]], second[pairs[:, 1]]
         rows = np.abs(a[:, :, None] // self._columns - b[:, None, :] // self._columns)
         columns = np.abs(a[:, :, None] % self._columns - b[:, None, :] % self._columns)
-        return np.asarray(pairs[(np.maximum(rows, columns) >= APART).all(axis=(1, 2))])
+        return np.asarray((np.maximum(rows, columns) >= APART).all(axis=(1, 2)))
+
+
+def _parts(pairs: Ints) -> Iterator[Ints]:
+    """The same in parts of no more than :data:`PART`."""
+    for k in range(0, len(pairs), PART):
+        yield pairs[k : k + PART]
+
+
+def _kept(pairs: Ints, *tests: Callable[[Ints], NDArray[np.bool_]]) -> Ints:
+    """Those pairs that pass all tests, one test after the other."""
+    found = [pairs[:0]]
+    for part in _parts(pairs):
+        for test in tests:
+            part = part[test(part)]
+        found.append(part)
+    return np.concatenate(found)
 
 
 def _near(first: cKDTree, second: cKDTree, radius: float) -> Ints:

@@ -77,6 +77,22 @@ def test_the_nearer_the_dearer_and_through_is_forbidden() -> None:
     assert own_contact_energy(tilted, 0.02, 0.02, WEIGHT) == math.inf
 
 
+def test_pairs_are_looked_at_in_parts_that_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A million pairs lie near each other where a cell is far stretched: looked at at once they took half a gigabyte."""
+    touching, crossing = folded(0.0012), folded(0.003)
+    crossing[:, 11:, 2] -= 0.03 * (np.arange(10) / 10)
+    found = []
+    for part in (1_000_000, 7):
+        monkeypatch.setattr("simcore.self_contact.PART", part)
+        contact, gradient = SelfContact(GRID, WEIGHT, FREE), np.zeros(GRID.shape)
+        contact.add_gradient(touching, gradient)
+        found.append((contact.energy(touching), gradient, SelfContact(GRID, WEIGHT, FREE).energy(crossing)))
+    whole, parts = found
+    assert whole[0] == parts[0] > 0.0
+    assert (whole[1] == parts[1]).all() and whole[1].any()
+    assert whole[2] == parts[2] == math.inf
+
+
 @pytest.mark.parametrize("grid", [GRID, FINE])
 @pytest.mark.parametrize("share", [0.9, 0.7, 0.55])
 def test_energy_and_gradient_are_those_of_the_reference(grid: Grid, share: float) -> None:
