@@ -36,6 +36,7 @@ from diagnosis.blind.score import (
     score,
 )
 from diagnosis.effects import catalogue
+from diagnosis.groups import group_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from simcore.errors import InputError
 
@@ -119,6 +120,15 @@ def test_kinds_come_in_the_same_proportions_all_along() -> None:
     assert kinds[:25].count("two") == kinds[25:50].count("two") == SHUFFLED["two"]
     assert draw_kinds(BlindPlan(30, 5, withhold=("crease",))) == kinds[:30]
     assert "withheld" not in draw_kinds(BlindPlan(60, 5))
+
+
+def test_two_effects_are_of_two_groups() -> None:
+    for seed in range(40):
+        plan = BlindPlan(25, seed)
+        for number, kind in enumerate(draw_kinds(plan)):
+            if kind == "two":
+                first, second = (effect.name for effect, _ in draw_label(number, plan).effects)
+                assert second not in group_of(first)
 
 
 def test_all_visible_effects_come_up() -> None:

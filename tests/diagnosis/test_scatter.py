@@ -68,6 +68,23 @@ def test_repeats_that_agree_show_no_scatter() -> None:
     assert gain(fabrics(14.0, shared=True))[0] < gain(fabrics(14.0))[0] - 10.0
 
 
+def test_repeats_may_share_what_all_draws_share() -> None:
+    """Strong random curvature stiffens cloth, so its draws have something in common, and so have repeats."""
+    rng = np.random.default_rng(8)
+    alike = 10.0 * smooth_modes()[:COUNT] @ rng.standard_normal(smooth_modes().shape[1])
+    shown = [with_mean(block, alike) for block in fabrics(14.0)]
+    unknown = [with_mean(block, 0.0 * alike, alike) for block in fabrics(14.0)]
+    assert gain(shown)[0] > gain(unknown)[0] + 3.0
+
+
+def with_mean(block: Block, drawn: np.ndarray, seen: np.ndarray | None = None) -> Block:
+    """A block whose draws, and whose captures by a half of it, have something in common, [cells] in standard errors."""
+    measured = block.stated.measured + 0.5 * np.tile(drawn if seen is None else seen, REPEATS)
+    rows = block.stated.scatter[EFFECT.name] + np.kron(np.repeat(np.eye(REPEATS), 3, axis=0), drawn)
+    view = replace(block.stated, measured=measured, scatter={EFFECT.name: rows})
+    return replace(block, stated=view, wide=view)
+
+
 def test_small_smooth_errors_are_no_scatter() -> None:
     """What is left beside so many directions is then far smaller than modelled, which is nobody's merit."""
     assert gain(fabrics(4.0, errors=0.3))[0] < 0.0

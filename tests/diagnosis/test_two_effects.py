@@ -186,6 +186,25 @@ def test_scatter_in_hanging_is_no_hysteresis_beside_an_effect_on_the_cloth() -> 
     assert len(gained) == 1 and gained[0] < 0.0
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_an_effect_shows_beside_one_that_scatters(there: bool) -> None:
+    rng = np.random.default_rng(3)
+    name, half = "bending_hysteresis", np.arange(COUNT) < COUNT // 2
+    blocks = []
+    for block in blocks_of({"crease": SIZES["crease"]} if there else {}):
+        draws = 20.0 * rng.standard_normal((4, COUNT))
+        rows = np.concatenate([draws[:3] * own for own in (half, ~half)])
+        seen = replace(block.stated, scatter={name: rows}, measured=block.stated.measured + 0.3 * draws[3])
+        blocks.append(replace(block, stated=seen, wide=seen))
+    names = ("air_draft", "crease", name)
+    still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in names}
+    cause = name_cause(names, blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
+    pair = next(pair for pair in cause.tried if pair.second == "crease" and pair.first == name)
+    gained = pair.evidence.log_evidence - cause.evidence[name].log_evidence
+    assert cause.evidence[name].log_evidence > cause.evidence["none"].log_evidence + 5.0
+    assert gained > 4.0 if there else gained < 0.0
+
+
 def test_both_are_named_where_they_were_simulated_together() -> None:
     blocks = blocks_of(SIZES, joint=1.0)
     alone = [replace(b, stated=replace(b.stated, beside={}), wide=replace(b.wide, beside={})) for b in blocks]
