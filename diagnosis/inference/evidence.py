@@ -21,7 +21,7 @@ from diagnosis.inference.likelihood import (
     pixel_log_likelihood,
     view_log_likelihood,
 )
-from diagnosis.inference.scatter import Scatter, scattered_nats, widened
+from diagnosis.inference.scatter import Scatter, scattered_nats, shows_scatter, widened
 from diagnosis.inference.vector_fit import fit_vector
 from diagnosis.simulation.sizes import (
     fading,
@@ -233,10 +233,9 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
     """
     sizes = grid(effect)
     modelled = replace(model, least_scale=1.0)
-    in_stretch = any(block.scene == "stretch" for block in blocks)
     values = []
-    for block in blocks:
-        if in_stretch and block.scene == "hanging":  # which folds fell there looks like scatter and is none
+    for block, shown in zip(blocks, shows_scatter(blocks), strict=True):
+        if not shown:
             still = [_at_rest(view, block.scene, model) for view in block.views]
             values.append(np.repeat(over_views(np.stack(still), model), len(sizes)))
             continue

@@ -128,7 +128,7 @@ def _pairs(
         size: Mapping[str, float] = evidence[first].size
         occam = evidence[first].log_evidence - evidence[first].best
         scatters = get_effect(first).random_repeats
-        wider = [with_scatter(block, first, size) for block in blocks] if scatters else None
+        wider = with_scatter(blocks, first, size) if scatters else None
         for second in effects:
             if second in group_of(first) or frozenset({first, second}) in seen:
                 continue
@@ -152,7 +152,7 @@ def _fixed(table: Table, way: AsHeld, pixels: PixelBlock, peaks: Sequence[float]
     if not get_effect(table.name).random_repeats:
         return table
     found = table.weigh(way.blocks, peaks, model)
-    alone = tabulate_nothing([with_scatter(block, table.name, found.size) for block in way.blocks], pixels, model)
+    alone = tabulate_nothing(with_scatter(way.blocks, table.name, found.size), pixels, model)
     prior = np.array([found.log_evidence - found.best])
     return replace(table, blocks=alone.blocks, pixels=alone.pixels, prior=prior, sizes=(found.size,))
 

@@ -6,6 +6,7 @@ the same size, another one in every capture, and much that is not smooth. What a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,14 +118,25 @@ def scattered_nats(block: Block) -> float:
     return float(f_distribution.logpdf(ratio, *freedom) + np.log(ratio * RATIOS))
 
 
-def with_scatter(block: Block, name: str, size: Size) -> Block:
-    """A block whose errors hold an effect that is another in every repeat, of one size; in ``stretch`` alone."""
-    if block.scene != "stretch":
-        return block
-    stated, wide = (
-        _with(view, Scatter.of(view, block, get_effect(name), np.array([size[SCALAR]]))) for view in block.views
-    )
-    return replace(block, stated=stated, wide=wide)
+def shows_scatter(blocks: Sequence[Block]) -> list[bool]:
+    """Which blocks count for an effect that is another in every repeat.
+
+    Which folds fell in ``hanging`` looks like scatter and is none: it counts only where there is nothing else.
+    """
+    in_stretch = any(block.scene == "stretch" for block in blocks)
+    return [block.scene == "stretch" or not in_stretch for block in blocks]
+
+
+def with_scatter(blocks: Sequence[Block], name: str, size: Size) -> list[Block]:
+    """Blocks whose errors hold an effect that is another in every repeat, of one size."""
+    effect, sizes = get_effect(name), np.array([size[SCALAR]])
+    found = []
+    for block, shown in zip(blocks, shows_scatter(blocks), strict=True):
+        if shown:
+            stated, wide = (_with(view, Scatter.of(view, block, effect, sizes)) for view in block.views)
+            block = replace(block, stated=stated, wide=wide)
+        found.append(block)
+    return found
 
 
 def _with(view: View, scatter: Scatter) -> View:
