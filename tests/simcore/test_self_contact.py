@@ -78,7 +78,7 @@ def test_the_nearer_the_dearer_and_through_is_forbidden() -> None:
 
 
 def test_pairs_are_looked_at_in_parts_that_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A million pairs lie near each other where a cell is far stretched: looked at at once they took half a gigabyte."""
+    """Where a cell is far stretched a million pairs lie near each other; all at once they took half a gigabyte."""
     touching, crossing = folded(0.0012), folded(0.003)
     crossing[:, 11:, 2] -= 0.03 * (np.arange(10) / 10)
     found = []
