@@ -83,6 +83,10 @@ class BlindPlan:
                 "fabrics, and a seed of 0 or more",
                 code="blind_plan",
             )
+        if "two" in draw_kinds(self) and len({group_of(e.name) for e in visible_effects(self)}) < 2:
+            raise InputError(
+                "sets with two effects need effects of two declared groups: withhold fewer", code="blind_plan"
+            )
 
 
 @dataclass(frozen=True)

@@ -131,6 +131,14 @@ def test_two_effects_are_of_two_groups() -> None:
                 assert second not in group_of(first)
 
 
+def test_a_pair_needs_two_groups() -> None:
+    """Two that are declared inseparable are left: a second effect would be drawn for ever."""
+    left = ("air_draft", "panel_tilt")
+    plan = BlindPlan(25, 0, withhold=tuple(name for name in catalogue() if name not in left))
+    with pytest.raises(InputError, match="two declared groups"):
+        plan.check()
+
+
 def test_all_visible_effects_come_up() -> None:
     plan = BlindPlan(200, 5, withhold=("crease",))
     drawn = {

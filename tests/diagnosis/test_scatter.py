@@ -12,7 +12,7 @@ from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.evidence import tabulate, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel
-from diagnosis.inference.scatter import SCATTER_LEFT, UNSPANNED
+from diagnosis.inference.scatter import SCATTER_LEFT, UNSPANNED, with_scatter
 from diagnosis.inference.smooth_modes import smooth_modes
 from diagnosis.measurement.reference import CELLS
 from diagnosis.simulation.sizes import node_values
@@ -83,6 +83,17 @@ def with_mean(block: Block, drawn: np.ndarray, seen: np.ndarray | None = None) -
     rows = block.stated.scatter[EFFECT.name] + np.kron(np.repeat(np.eye(REPEATS), 3, axis=0), drawn)
     view = replace(block.stated, measured=measured, scatter={EFFECT.name: rows})
     return replace(block, stated=view, wide=view)
+
+
+def test_scatter_counts_in_hanging_where_there_is_nothing_else() -> None:
+    stretch = fabrics(7.0)
+    hanging = [replace(block, scene="hanging") for block in stretch]
+    size = {SCALAR: 7.0} | dict(EFFECT.places[0])
+    alone = with_scatter(hanging, EFFECT.name, size)
+    both = with_scatter([*stretch, *hanging], EFFECT.name, size)
+    assert all(new.stated.log_det > old.stated.log_det for new, old in zip(alone, hanging, strict=True))
+    assert all(new is not old for new, old in zip(both[:FABRICS], stretch, strict=True))
+    assert all(new is old for new, old in zip(both[FABRICS:], hanging, strict=True))
 
 
 def test_small_smooth_errors_are_no_scatter() -> None:
