@@ -21,6 +21,7 @@ from diagnosis.effects import get_effect
 from diagnosis.simulation.base_state import STARTS
 from diagnosis.simulation.drape_cache import DrapeCache, drape_key
 from diagnosis.simulation.missed_folds import FURTHER_SEEDS
+from diagnosis.simulation.probes import PROBES
 from diagnosis.simulation.simulator import Cost
 from diagnosis.simulation.sizes import nodes, shortcuts
 from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
@@ -44,9 +45,9 @@ class Forecast:
         simulations: still to be solved, about, where all captures of a fabric in a scene show the same folds.
         seconds: CPU seconds that takes, about.
         most_simulations, most_seconds: the same where each capture shows folds of its own, which bring their own
-            responses, where looking closer changes which effects are looked at, where an effect is found on trial,
-            where one on the cloth leads, beside which others are looked for, and where a capture's folds are missed at
-            first; without what goes on from nearer folds once such are found.
+            responses and are probed for something unknown, where looking closer changes which effects are looked at,
+            where an effect is found on trial, where one on the cloth leads, beside which others are looked for, and
+            where a capture's folds are missed at first; without what goes on from nearer folds once such are found.
         ready: fabrics whose base states are already at hand.
         fabrics: of the set.
     """
@@ -142,7 +143,9 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             further = LOOKS + TRIAL_LOOKS + PAIR_ROUNDS * PAIRS if name == "stretch" else 0
             further += PICTURE_ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]
             beside = _beside(task.effects) if name == "stretch" else 0
-            one = _variations(task.effects, name, len(own[0].scene.setup.pins_m))
+            pins = len(own[0].scene.setup.pins_m)
+            beside += sum(PROBES.values()) + 2 * pins if name == "stretch" else 0
+            one = _variations(task.effects, name, pins)
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)

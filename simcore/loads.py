@@ -35,10 +35,15 @@ class Load:
 
     @classmethod
     def of(cls, grid: Grid, fabric: FabricParameters, mechanics: Mechanics) -> Load:
-        """Gravity, hem and a uniform draft, lumped to vertices."""
+        """Gravity, hem and trims, and a uniform draft, lumped to vertices."""
         mass = fabric.density * grid.areas
-        hem = grid.areas[-1] / (0.5 * grid.hv)  # length of the bottom edge that each of its vertices stands for
-        mass[-1] += mechanics.hem_kg_m * hem
+        left, right, top, bottom = mechanics.trim_kg_m
+        along_u = grid.areas[-1] / (0.5 * grid.hv)  # length of an edge that each of its vertices stands for
+        along_v = grid.areas[:, 0] / (0.5 * grid.hu)
+        mass[0] += top * along_u
+        mass[-1] += (bottom + mechanics.hem_kg_m) * along_u
+        mass[:, 0] += left * along_v
+        mass[:, -1] += right * along_v
         force = mass[..., None] * np.asarray(mechanics.gravity)
         force[..., 2] += mechanics.air_pressure_pa * grid.areas
         gravity = math.sqrt(sum(g * g for g in mechanics.gravity))

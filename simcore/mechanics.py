@@ -7,7 +7,7 @@ Everything is absent by default and then costs nothing. An effect (``diagnosis/e
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +19,8 @@ from simcore.scenes import GRAVITY_M_S2, Vector3
 Array = NDArray[np.float64]
 
 EDGES = ("left", "right", "top", "bottom")
+LATER = {"later": True}
+"""Of a field that came later: at its default it does not change the key of what is kept."""
 LEAST_STIFFENING_STRAIN = 1e-6
 """Cloth whose moduli have doubled at less than this is of no textile, and its stiffness of no float."""
 
@@ -162,6 +164,7 @@ class Mechanics:
         stiffening_strain: tensile Green-Lagrange strain at which the warp and weft moduli have doubled; None: never.
         rest_curvature: fields that add up.
         hem_kg_m: extra mass along the bottom edge [kg/m].
+        trim_kg_m: extra mass along each of :data:`EDGES` [kg/m].
         adhesion_pa: largest pull of the panel on cloth near it [Pa], and within which distance [m].
         friction: coefficient of friction between cloth and panel.
 
@@ -178,6 +181,7 @@ class Mechanics:
     adhesion_pa: float = 0.0
     adhesion_range_m: float = 3e-3
     friction: float = 0.0
+    trim_kg_m: tuple[float, float, float, float] = field(default=(0.0, 0.0, 0.0, 0.0), metadata=LATER)
 
     def __post_init__(self) -> None:
         numbers = (
@@ -188,7 +192,10 @@ class Mechanics:
             self.adhesion_pa,
             self.adhesion_range_m,
             self.friction,
+            *self.trim_kg_m,
         )
+        if len(self.trim_kg_m) != len(EDGES):
+            raise InputError(f"masses along edges are one each for {', '.join(EDGES)}", code="mechanics")
         if not all(math.isfinite(n) for n in numbers) or not any(self.gravity):
             raise InputError("mechanics need finite numbers and some gravity", code="mechanics")
         if self.stiffening_strain is not None and not self.stiffening_strain >= LEAST_STIFFENING_STRAIN:
@@ -196,8 +203,9 @@ class Mechanics:
                 f"stiffening strain {self.stiffening_strain:g} must be positive, {LEAST_STIFFENING_STRAIN:g} or more",
                 code="mechanics",
             )
-        if min(self.hem_kg_m, self.adhesion_pa, self.friction) < 0.0 or not self.adhesion_range_m > 0.0:
-            raise InputError("hem mass, adhesion and friction cannot be negative", code="mechanics")
+        unsigned = (self.hem_kg_m, *self.trim_kg_m, self.adhesion_pa, self.friction)
+        if min(unsigned) < 0.0 or not self.adhesion_range_m > 0.0:
+            raise InputError("masses along edges, adhesion and friction cannot be negative", code="mechanics")
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,8 @@ class Block:
             where it is granted to each fabric as an error.
         sensed: mean square of the stated view's whitened errors that is the noise of pixels.
         calm_square: mean square of whitened residuals where nothing is there, over that with the usual errors.
+        probes: by family, changes by weights and bends put on the cloth on trial, and by pins as ``pins`` [m or m/m],
+            [probes, n]; empty where that was not looked at.
     """
 
     fabric: str
@@ -77,6 +79,7 @@ class Block:
     grip: Array | None = None
     sensed: float = 0.0
     calm_square: float = 1.0
+    probes: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def views(self) -> tuple[View, View]:
@@ -130,6 +133,10 @@ def make_block(
         np.concatenate([c.responses.grip for c in captures])[seen] if model.grip_alike else None,
         float(np.mean((whiten(views[0], np.diag(np.sqrt(pixels[seen]))) ** 2).sum(axis=0))),
         model.calm_square,
+        {
+            family: np.concatenate([c.responses.probes[family] for c in captures], axis=1)[:, seen]
+            for family in captures[0].responses.probes
+        },
     )
 
 

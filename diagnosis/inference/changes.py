@@ -14,6 +14,7 @@ from diagnosis.inference.block import Block, whiten
 from diagnosis.inference.smooth_modes import smooth_modes
 from diagnosis.measurement.reference import CELLS, cell_centres
 from diagnosis.scene import SimulationScene
+from diagnosis.simulation.probes import HOOKS
 from diagnosis.simulation.sizes import node_values, nodes
 from simcore.scenes import Scene, Setup
 
@@ -23,8 +24,9 @@ PARAMETER_SIGMAS, PIN_M, FORM_M = 3.0, 0.003, 0.003
 it; effects: their typical size; warped pictures: :data:`diagnosis.simulation.warps.WARP`."""
 LINES_AT, LINE_WIDTH = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4), 0.05
 """Where a folded sample has its folds, and how far the cloth beside one is raised, in sample sizes."""
-FAMILIES = ("effects", "parameters", "picture", "pins", "placed", "forms", "rim", "lines")
-"""``placed``: moves of pins that an effect of the catalogue describes."""
+DESCRIBED = {"pins": "placed", **{family: f"{family} described" for family in HOOKS}}
+"""Of families, that of the same changes as effects of the catalogue make them: nothing unknown."""
+FAMILIES = ("effects", "parameters", "picture", "pins", *HOOKS, "forms", "rim", "lines", *DESCRIBED.values())
 
 
 def changes_of(effects: Sequence[str], blocks: Sequence[Block]) -> tuple[list[Array], dict[str, NDArray[np.intp]]]:
@@ -42,14 +44,24 @@ def changes_of(effects: Sequence[str], blocks: Sequence[Block]) -> tuple[list[Ar
         scene: {len(block.pins) for block in blocks if block.scene == scene}
         for scene in sorted({block.scene for block in blocks})
     }
-    found = [_changes(usable, block, pins) for block in blocks]
+    probes = {family: max(len(block.probes.get(family, ())) for block in blocks) for family in HOOKS}
+    found = [_changes(usable, block, pins, probes) for block in blocks]
     ends = np.cumsum([len(found[0][family]) for family in FAMILIES])
     rows = dict(zip(FAMILIES, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
     return [np.concatenate([own[family] for family in FAMILIES]) for own in found], rows
 
 
-def _changes(effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int]]) -> dict[str, Array]:
-    """Of one block; ``pins``: by scene, how many rows its blocks have for their pins (left out where they differ)."""
+def _changes(
+    effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int]], probes: Mapping[str, int]
+) -> dict[str, Array]:
+    """Of one block.
+
+    Args:
+        effects: that may take part.
+        block: see there.
+        pins: by scene, how many rows its blocks have for their pins (left out where they differ).
+        probes: how many rows blocks have of each family of probes; one that was not looked at shows none.
+    """
     view = block.stated
 
     def by_scene(change: Array, counts: Mapping[str, int]) -> Array:  # another placement, other proportions
@@ -57,17 +69,27 @@ def _changes(effects: Sequence[Effect], block: Block, pins: Mapping[str, Set[int
         rows = [own if scene == block.scene else np.zeros((k, own.shape[1])) for scene, k in counts.items()]
         return np.concatenate([np.zeros((0, own.shape[1])), *rows])
 
+    def typical(chosen: Sequence[Effect]) -> Array:
+        return np.concatenate([np.zeros((0, len(view.measured))), *(_typical(e, view.responses) for e in chosen)])
+
+    def probed(family: str) -> Array:
+        own = block.probes.get(family)
+        return np.zeros((probes[family], len(view.measured))) if own is None else whiten(view, own.T).T
+
+    pin_moves = PIN_M * block.probes.get("pins", block.pins)
     alike = {scene: next(iter(counts)) for scene, counts in pins.items() if len(counts) == 1}
     forms, rims, lines = (FORM_M * own[block.cell].T for own in (smooth_modes(), rim_forms(), line_forms()))
     return {
-        "effects": np.concatenate([np.zeros((0, len(view.measured))), *(_typical(e, view.responses) for e in effects)]),
+        "effects": typical(effects),
         "parameters": whiten(view, PARAMETER_SIGMAS * block.jacobian.T).T,
         "picture": whiten(view, block.warps.T).T,
-        "pins": by_scene(PIN_M * block.pins, alike),
-        "placed": whiten(view, PIN_M * (_placed(effects, block) @ block.pins).T).T,
+        "pins": by_scene(pin_moves, alike),
+        "placed": whiten(view, (_placed(effects, block) @ pin_moves).T).T,
         "forms": by_scene(forms, dict.fromkeys(pins, len(forms))),
         "rim": by_scene(rims, dict.fromkeys(pins, len(rims))),
         "lines": by_scene(lines, dict.fromkeys(pins, len(lines))),
+        **{family: probed(family) for family in HOOKS},
+        **{DESCRIBED[family]: typical([e for e in effects if e.hook == hook]) for family, hook in HOOKS.items()},
     }
 
 

@@ -162,7 +162,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+        fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value) if not _is_later(f, value)}
         return fields if _is_own(type(value)) else [_source(type(value)), fields]
     text = str(value)
     if " object at 0x" in text:
@@ -172,6 +172,11 @@ def _plain(value: Any) -> Any:
             code="effect_file",
         )
     return text
+
+
+def _is_later(field: dataclasses.Field[Any], value: Any) -> bool:
+    """A field that came later and is at its default: what was kept before it came is still right."""
+    return bool(field.metadata.get("later")) and getattr(value, field.name) == field.default
 
 
 def _is_own(kind: type) -> bool:

@@ -16,6 +16,7 @@ from diagnosis.measurement.picture import depth_rms, picture_of
 from diagnosis.measurement.reference import Reference, make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache, content_key
+from diagnosis.simulation.probes import probed
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.sizes import nodes, shortcuts
 from diagnosis.simulation.state_library import StateLibrary, vertex_rms
@@ -50,6 +51,8 @@ class Responses:
         effects: effect name to the change of (vector [nodes, D], pixel statistics [nodes, P]) at each of its nodes.
         sensed: pixel statistics that the stated sensor gives on the state, [P].
         beside: (effect, other) to the same of the effect where the other one, at some size, is there, too.
+        probes: by family, changes by what :mod:`diagnosis.simulation.probes` puts on the cloth, [probes, D]; empty
+            where that was not looked at.
     """
 
     parameters: Array
@@ -59,6 +62,7 @@ class Responses:
     effects: Mapping[str, tuple[Array, Array]]
     sensed: Array
     beside: Mapping[tuple[str, str], tuple[Array, Array]] = field(default_factory=dict)
+    probes: Mapping[str, Array] = field(default_factory=dict)
 
 
 def find_responses(
@@ -106,19 +110,25 @@ def borrowed_responses(
     reference: Reference,
 ) -> Responses:
     """:func:`find_responses` of the nearest known state that has them, if it is near enough; else of this one."""
-    name = scene.setup.scene.value
-    lender = state
-    if not simulator.cache.has(_key("common", state, scene)):
-        known = StateLibrary.of(simulator.cache, state.drape.mesh, fabric, scene).states()
-        able = [other for other in known if simulator.cache.has(_key("common", other, scene))]
-        if able:
-            nearest = min(able, key=lambda other: vertex_rms(state.drape, other.drape))
-            if len(able) >= ENOUGH_STATES[name] or vertex_rms(state.drape, nearest.drape) < BORROW_M[name]:
-                lender = nearest
+    lender = _lender(simulator, fabric, scene, state)
     if lender is not state:
         picture = picture_of(lender.drape, scene)
         reference = make_reference(lender.drape, scene)
     return find_responses(simulator, fabric, scene, lender, effects, picture, reference)
+
+
+def _lender(simulator: Simulator, fabric: FabricParameters, scene: SimulationScene, state: KeyedDrape) -> KeyedDrape:
+    """The state whose responses serve a state: its own, or the nearest known one's that has them."""
+    if simulator.cache.has(_key("common", state, scene)):
+        return state
+    known = StateLibrary.of(simulator.cache, state.drape.mesh, fabric, scene).states()
+    able = [other for other in known if simulator.cache.has(_key("common", other, scene))]
+    if able:
+        name = scene.setup.scene.value
+        nearest = min(able, key=lambda other: vertex_rms(state.drape, other.drape))
+        if len(able) >= ENOUGH_STATES[name] or vertex_rms(state.drape, nearest.drape) < BORROW_M[name]:
+            return nearest
+    return state
 
 
 def responses_with(
@@ -141,6 +151,24 @@ def responses_with(
         rows = simulator.kept(key, partial(look.effect, get_effect(name)))
         found[name] = (rows["vector"], rows["pixels"])
     return found
+
+
+def probe_responses(
+    simulator: Simulator, fabric: FabricParameters, scene: SimulationScene, state: KeyedDrape
+) -> dict[str, Array]:
+    """What the probes change in the picture of a state, or of the one whose responses serve it, by family, [probes, D].
+
+    On the state's own mesh: coarse cells do not tell them well enough.
+
+    Args:
+        simulator: solves and keeps.
+        fabric, scene: of the state.
+        state: the fold state.
+    """
+    lender = _lender(simulator, fabric, scene, state)
+    picture, reference = picture_of(lender.drape, scene), make_reference(lender.drape, scene)
+    look = _Look(simulator, fabric, scene, lender, picture, reference, fine=True)
+    return simulator.kept(_key("probed with pins", lender, scene), look.probes)
 
 
 def are_kept(cache: DrapeCache, state: KeyedDrape, scene: SimulationScene, effects: Sequence[str]) -> bool:
@@ -213,14 +241,18 @@ class _Look:
     def common(self) -> dict[str, Array]:
         """Parameters, pins and mesh."""
         parameters = [self.change(_stepped(self.fabric, k), self.scene) / PARAMETER_STEP for k in range(7)]
-        pins = []
+        mesh = measure(picture_of(self.origin.drape, self.scene), self.reference, with_pixels=False).vector()
+        return {"parameters": np.stack(parameters), "pins": self.pins(), "mesh": clean(mesh)}
+
+    def pins(self) -> Array:
+        """For a move of one metre of each pin along x and along y."""
+        found = []
         for name, place in self.scene.setup.pins_m.items():
             for axis in range(2):
                 moved = (place[0] + PIN_STEP_M * (axis == 0), place[1] + PIN_STEP_M * (axis == 1), place[2])
                 scene = self.scene.with_setup(self.scene.setup.with_pins(**{name: moved}))
-                pins.append(self.change(self.fabric, scene) / PIN_STEP_M)
-        mesh = measure(picture_of(self.origin.drape, self.scene), self.reference, with_pixels=False).vector()
-        return {"parameters": np.stack(parameters), "pins": np.stack(pins), "mesh": clean(mesh)}
+                found.append(self.change(self.fabric, scene) / PIN_STEP_M)
+        return np.stack(found)
 
     def grip(self) -> dict[str, Array]:
         """Magnets that hold a point, or a patch where they are stated as points; on the fine mesh."""
@@ -230,6 +262,14 @@ class _Look:
             self.state, self.fabric, self.scene.with_setup(replace(setup, pin_radius_m=other))
         )
         return {"grip": clean(measure(picture_of(drape.drape, self.scene), self.reference, with_pixels=False).vector())}
+
+    def probes(self) -> dict[str, Array]:
+        """Of each family; pins per metre."""
+        found = {
+            family: np.stack([self.change(self.fabric, scene) for scene in scenes])
+            for family, scenes in probed(self.scene).items()
+        }
+        return {"pins": self.pins(), **found}
 
     def effect(self, effect: Effect) -> dict[str, Array]:
         """One effect at all its nodes."""

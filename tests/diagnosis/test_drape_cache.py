@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,6 +52,18 @@ def test_a_users_own_fields_are_told_apart_by_what_they_are() -> None:
     keys = [key(field) for field in (Ripple(5.0), Ripple(6.0), Dent(5.0), UniformCurvature(5.0))]
     assert len(set(keys)) == 4
     assert key(Ripple(5.0)) == keys[0]
+
+
+def test_what_came_later_changes_no_key_until_it_is_used() -> None:
+    """The key of drapes that were kept before there was a ``trim_kg_m`` (of solver version 6)."""
+    mesh, scene = GridMesh(0.02), Setup.nominal("stretch")
+    plain, hem, trim = (
+        drape_key(mesh, FABRIC, scene, mechanics)
+        for mechanics in (Mechanics(), Mechanics(hem_kg_m=0.02), Mechanics(trim_kg_m=(0.0, 0.0, 0.0, 0.02)))
+    )
+    fields = {f.name: getattr(Mechanics(), f.name) for f in dataclasses.fields(Mechanics) if f.name != "trim_kg_m"}
+    assert content_key(mechanics=Mechanics()) == content_key(mechanics=fields)
+    assert len({plain, hem, trim}) == 3
 
 
 def test_what_nothing_tells_apart_is_refused() -> None:

@@ -42,18 +42,22 @@ def linear_responses(name: str, rng: np.random.Generator) -> np.ndarray:
     return sizes[:, None] * np.repeat(forms, len(sizes) // len(forms), axis=0)
 
 
-def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,) * FABRICS) -> list[Block]:
+def fabrics(
+    shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,) * FABRICS, *, probed: bool = False
+) -> list[Block]:
     """Fabrics with responses of random form, some of which show a change; errors of 0.3 mm.
 
     ``change``: an effect's name, "smooth" for a form that no effect has, of 1.2 mm, or a family of changes: "rim" for
     an edge that is lifted by 0.9 mm, "lines" for a fold down the middle as high, "picture" and "pins" for one
-    of theirs.
+    of theirs; "weights" and "bends" for some of the probes, which are known where ``probed``.
     """
     rng = np.random.default_rng(7)
     form = 0.0012 * smooth_modes()[:COUNT] @ rng.standard_normal(smooth_modes().shape[1]) / 3.0
     blocks = []
     for fabric in range(FABRICS):
         rows = {name: linear_responses(name, rng) for name in EFFECTS}
+        own = np.random.default_rng(100 + fabric)
+        probes = {"weights": 1e-3 * own.standard_normal((4, COUNT)), "bends": 1e-3 * own.standard_normal((2, COUNT))}
         measured = rng.standard_normal(COUNT)
         moved = 0.3 * rng.standard_normal((pins[fabric], COUNT))
         owner, cell = np.zeros(COUNT, dtype=np.intp), np.arange(COUNT)
@@ -65,6 +69,8 @@ def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,)
             "lines": 0.0009 * line_forms()[:COUNT, 2],
             "picture": 3.0 * warps[5],
             "pins": 0.001 * moved[2],
+            "weights": 0.5 * probes["weights"][3],
+            "bends": 0.3 * (probes["bends"][0] - probes["bends"][1]),
         }
         if fabric in shown and change in of_family:
             measured = measured + of_family[change] / ERROR_M
@@ -72,6 +78,8 @@ def fabrics(shown: Sequence[int], change: str | None, pins: Sequence[int] = (4,)
             measured = measured + node_weights(get_effect(change), {SCALAR: 0.3}) @ rows[change]
         view = View(measured, rows, {}, ERROR_M * np.eye(COUNT), COUNT * float(np.log(ERROR_M)))
         blocks.append(Block(f"f{fabric}", "stretch", ("a",), view, view, cell, owner, parameters, moved, warps))
+        if probed:
+            blocks[-1] = replace(blocks[-1], probes=probes)
     return blocks
 
 
@@ -96,6 +104,41 @@ def test_a_form_that_all_fabrics_show_is_predicted_from_the_others() -> None:
 @pytest.mark.parametrize("shown", [range(0), range(1)])
 def test_chance_or_one_fabric_alone_predicts_nothing(shown: Sequence[int]) -> None:
     assert max(gains(fabrics(shown, "smooth")).values()) < 0.0
+
+
+def test_weights_and_bends_show_where_they_were_put_on_the_cloth_on_trial() -> None:
+    for family in ("weights", "bends"):
+        found = gains(fabrics(range(FABRICS), family, probed=True))
+        assert found[family] > 5.0 > max(value for name, value in found.items() if name != family)
+        assert family not in gains(fabrics(range(FABRICS), family))
+        assert max(gains(fabrics(range(1), family, probed=True)).values()) < BY_CHANCE_NATS[family]
+
+
+def test_one_fabric_that_was_not_probed_shows_no_probe() -> None:
+    blocks = fabrics(range(FABRICS), "weights", probed=True)
+    some = gains([*blocks[:-1], replace(blocks[-1], probes={})])
+    assert 2.0 < some["weights"] < gains(blocks)["weights"]
+
+
+def test_probes_that_do_what_an_effect_of_the_catalogue_does_are_nothing_unknown() -> None:
+    blocks = fabrics(range(FABRICS), "weights", probed=True)
+    typical = 1.0 / ERROR_M * np.ones((len(nodes(get_effect("hem_weight"))), 1))
+    known = []
+    for block in blocks:
+        rows = block.stated.responses | {"hem_weight": typical * block.probes["weights"][3]}
+        view = replace(block.stated, responses=rows)
+        known.append(replace(block, stated=view, wide=view))
+    found = Mixture.of((*EFFECTS, "hem_weight"), known, LikelihoodModel())
+    described = dict(zip(found.families, found.gain([b.stated.measured for b in known]), strict=True))
+    assert described["weights"] < 0.0 < gains(blocks)["weights"] - 5.0
+
+
+def test_pins_are_moved_on_the_cells_they_were_probed_on() -> None:
+    """Coarse responses that say otherwise are not heard."""
+    blocks = fabrics(range(FABRICS), "pins")
+    rng = np.random.default_rng(3)
+    spoilt = [replace(b, pins=0.3 * rng.standard_normal(b.pins.shape), probes={"pins": b.pins}) for b in blocks]
+    assert gains(spoilt)["pins"] == pytest.approx(gains(blocks)["pins"])
 
 
 @pytest.mark.parametrize("family", ["rim", "lines", "picture", "pins"])

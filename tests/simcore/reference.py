@@ -72,12 +72,18 @@ class Cloth:
         return self.fabric.density * self.hu * self.hv * float(np.linalg.norm(self.mechanics.gravity))
 
     def force(self) -> Array:
-        """Gravity of cloth and hem, and the draft [N]."""
+        """Gravity of cloth, hem and trims, and the draft [N]."""
         area = self.areas()
         mass = self.fabric.density * area
         edge = np.full(area.shape[1], self.hu)
         edge[[0, -1]] = 0.5 * self.hu
-        mass[-1] += self.mechanics.hem_kg_m * edge
+        side = np.full(area.shape[0], self.hv)
+        side[[0, -1]] = 0.5 * self.hv
+        left, right, top, bottom = self.mechanics.trim_kg_m
+        mass[-1] += self.mechanics.hem_kg_m * edge + bottom * edge
+        mass[0] += top * edge
+        mass[:, 0] += left * side
+        mass[:, -1] += right * side
         force = mass[:, :, None] * np.array(self.mechanics.gravity)
         force[:, :, 2] += self.mechanics.air_pressure_pa * area
         return force

@@ -15,6 +15,7 @@ from simcore.drape import Drape
 from simcore.grid import Grid
 from simcore.loads import rest_moments
 from simcore.mechanics import (
+    EDGES,
     NO_JITTER,
     Crease,
     CurvatureField,
@@ -174,6 +175,19 @@ def test_weights_add_up() -> None:
     assert load.force.sum(axis=(0, 1)) == pytest.approx([0.0, -mass * GRAVITY_M_S2, 0.4 * area], rel=1e-12)
     assert (load.mass[-1] > 1.5 * load.mass[0]).all()  # at the bottom
     assert load.weight == pytest.approx(ANISOTROPIC.density * GRAVITY_M_S2 * 0.02 * 0.03, rel=1e-12)
+
+
+@pytest.mark.parametrize(("number", "name"), list(enumerate(EDGES)))
+def test_a_trim_weighs_along_its_own_edge(number: int, name: str) -> None:
+    level = Level(Grid(6, 9, 0.02, 0.03))
+    held = np.zeros((6, 9), dtype=bool)
+    trim = tuple(0.05 * (k == number) for k in range(len(EDGES)))
+    plain, load = (Rig.of(level, ANISOTROPIC, held, Mechanics(trim_kg_m=t)).level.loads for t in ((0.0,) * 4, trim))
+    added = load.mass - plain.mass
+    where = {"left": np.s_[:, 0], "right": np.s_[:, -1], "top": np.s_[0], "bottom": np.s_[-1]}[name]
+    length = 5 * 0.03 if name in ("left", "right") else 8 * 0.02
+    assert added[where].sum() == pytest.approx(0.05 * length, rel=1e-12) == added.sum()
+    assert added[where][[0, -1]] == pytest.approx(0.5 * added[where][1], rel=1e-12)
 
 
 # -- membrane ----------------------------------------------------------------------------------------------------

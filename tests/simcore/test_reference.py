@@ -27,6 +27,7 @@ HOOKS = {
     "stiffening": Mechanics(stiffening_strain=0.03),
     "rest_curvature": Mechanics(rest_curvature=CURLS),
     "hem": Mechanics(hem_kg_m=0.05),
+    "trim": Mechanics(hem_kg_m=0.01, trim_kg_m=(0.02, 0.03, 0.04, 0.05)),
     "adhesion": Mechanics(adhesion_pa=3.0, adhesion_range_m=4e-3),
     "friction": Mechanics(friction=0.4),
     "everything": Mechanics(
