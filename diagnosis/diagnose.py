@@ -10,9 +10,8 @@ from functools import partial
 from capture.capture_set import CaptureSet
 from diagnosis.afresh.beside import look_beside
 from diagnosis.afresh.fresh import FreshLook, Sized
-from diagnosis.afresh.further import leaves_much, look_further
+from diagnosis.afresh.further import look_further
 from diagnosis.afresh.grip import Grip, judge_grip, with_other_grip
-from diagnosis.afresh.once import Weigh as Name
 from diagnosis.afresh.once import once
 from diagnosis.afresh.probing import look_probed
 from diagnosis.afresh.refinement import look_again
@@ -202,15 +201,16 @@ class _Conclusion:
         name = once(partial(self.name, noise=noise))
         if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
-            looks = look_again(looks, partial(self.weigh, noise=noise), scene, self.workers)
-            looks = look_further(looks, partial(self.weigh, noise=noise), name, scene, self.workers)
+            weigh = partial(self.weigh, noise=noise)
+            looks = look_again(looks, weigh, scene, self.workers)
+            looks = look_further(looks, weigh, name, scene, self.workers)
             likely = name([look.result for look in looks.values()])
             held = judge_grip(looks, likely, self.workers) if spent is None else None
             if held is not None and held.otherwise:
                 return self._held_otherwise(held, looks, assumed, began, lpips)
             looks = look_beside(looks, likely, scene, self.workers)
             looks = look_together(looks, name, scene, self.workers)
-            looks = self._probed(looks, name, scene, noise)
+            looks = look_probed(looks, weigh, name, scene, self.workers)
             results = [look.result for look in looks.values()]
         cause = name(results)
         noise = cause.errors
@@ -249,19 +249,6 @@ class _Conclusion:
         )
         left_out = () if measured is None else measured.held
         return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, left_out, looks)
-
-    def _probed(self, looks: dict[str, FreshLook], name: Name, scene: str, noise: NoiseModel) -> dict[str, FreshLook]:
-        """With what probes show; where that is something unknown, the catalogue is simulated on trial first."""
-
-        def weighed(of: Mapping[str, FreshLook]) -> Cause:
-            return name([look.result for look in of.values()])
-
-        before = weighed(looks)
-        probed = look_probed(looks, before, scene, self.workers)
-        if leaves_much(before) or not leaves_much(weighed(probed)):
-            return probed
-        tried = look_further(probed, partial(self.weigh, noise=noise), name, scene, self.workers)
-        return look_probed(tried, before, scene, self.workers)
 
     def _held_otherwise(
         self, held: Grip, looks: dict[str, FreshLook], assumed: tuple[str, ...], began: float | None, lpips: bool

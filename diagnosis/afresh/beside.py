@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
+from diagnosis.afresh.each_capture import each_capture
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
 from diagnosis.afresh.refinement import alike, leader
 from diagnosis.effects import get_effect
@@ -36,29 +37,22 @@ def look_beside(
     others = [name for name in cause.named if not is_mechanical(get_effect(name))]
     if first is None or not is_mechanical(get_effect(first)) or others:
         return dict(looks)
-    work = partial(_looked_at, first=(first, cause.evidence[first].size), scene=scene)
+    measured = partial(_measured, first=(first, cause.evidence[first].size))
+    work = partial(each_capture, change=measured, scene=scene)
     return dict(zip(looks, workers.map(work, list(looks.values())), strict=True))
 
 
-def _looked_at(look: FreshLook, first: Sized, scene: str) -> FreshLook:
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
-
+def _measured(look: FreshLook, capture: CaptureResult, first: Sized) -> CaptureResult:
+    """With the responses of all others beside an effect of some size; as it was where that does not come to rest."""
     name, size = first
     known = [old for old in look.sizes.get(name, []) if alike(size, old, get_effect(name))]
     on = (name, known[-1] if known else size)
-    with threadpool_limits(1):
-        captures = [_measured(look, c, on) if c.scene == scene else c for c in look.result.captures]
-    return replace(look, result=replace(look.result, captures=tuple(captures)))
-
-
-def _measured(look: FreshLook, capture: CaptureResult, on: Sized) -> CaptureResult:
-    """With the responses of all others beside an effect of some size; as it was where that does not come to rest."""
-    first, state = on[0], look.drape(capture, [on])
+    state = look.drape(capture, [on])
     if not state.drape.ok:
         return capture
-    able = [name for name in capture.responses.effects if is_mechanical(get_effect(name))]
-    seconds = [name for name in able if name not in group_of(first)]
+    able = [other for other in capture.responses.effects if is_mechanical(get_effect(other))]
+    seconds = [other for other in able if other not in group_of(name)]
     found = responses_with(look.simulator, look.result.task.parameters, look.seen(capture, [on]), state, seconds)
-    look.beside[capture.id] = {(second, first): rows for second, rows in found.items()}
+    look.beside[capture.id] = {(second, name): rows for second, rows in found.items()}
     beside = {**capture.responses.beside, **look.beside[capture.id]}
     return replace(capture, responses=replace(capture.responses, beside=beside))

@@ -1,4 +1,4 @@
-"""Weights and bends put on the cloth on trial, from the fold state that each capture shows."""
+"""Pins moved, weights and bends put on the cloth on trial, from the fold state that each capture shows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
+from diagnosis.afresh.each_capture import each_capture
 from diagnosis.afresh.fresh import FreshLook, is_mechanical
+from diagnosis.afresh.further import leaves_much, look_further
+from diagnosis.afresh.once import Weigh as Name
+from diagnosis.afresh.refinement import Weigh
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
 from diagnosis.simulation.responses import probe_responses
@@ -18,38 +22,43 @@ SURE = 0.99
 
 
 def look_probed(
-    looks: Mapping[str, FreshLook], cause: Cause, scene: str, workers: Workers = ALONE
+    looks: Mapping[str, FreshLook], weigh: Weigh, name: Name, scene: str, workers: Workers = ALONE
 ) -> dict[str, FreshLook]:
     """Responses to :mod:`diagnosis.simulation.probes`, where something outside the catalogue may yet be found.
 
-    Coarse cells do not tell them well enough, so they are simulated on the diagnosis's own, and only where the answer
-    is open.
+    Where they make the answer something unknown that was not, the catalogue is simulated on trial first.
 
     Args:
-        looks: by fabric.
-        cause: how likely explanations are.
+        looks: by fabric, when all else has been looked at.
+        weigh: see :data:`Weigh`.
+        name: the answer from results, two effects together included.
         scene: whose captures are looked at.
         workers: that simulate fabrics side by side.
 
     Returns:
         The same fabrics; as they were where the answer is sure, or lies in camera or sensor.
     """
-    on_pictures = bool(cause.named) and not any(is_mechanical(get_effect(name)) for name in cause.named)
-    answered = sum(cause.probabilities[name] for name in cause.named or (cause.top,))
-    if on_pictures or (cause.top != "none" and answered > SURE):
+    before = name([look.result for look in looks.values()])
+    if not is_open(before):
         return dict(looks)
-    return dict(zip(looks, workers.map(partial(_looked_at, scene=scene), list(looks.values())), strict=True))
+    probe = partial(each_capture, change=_probed, scene=scene)
+    probed = dict(zip(looks, workers.map(probe, list(looks.values())), strict=True))
+    if leaves_much(before) or not leaves_much(name([look.result for look in probed.values()])):
+        return probed
+    tried = look_further(probed, weigh, name, scene, workers)
+    # folds that the trial found have no probes yet
+    return dict(zip(tried, workers.map(probe, list(tried.values())), strict=True))
 
 
-def _looked_at(look: FreshLook, scene: str) -> FreshLook:
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
+def is_open(cause: Cause) -> bool:
+    """Nothing is named, or what is answered is not sure and not in camera or sensor alone."""
+    if cause.top == "none":
+        return True
+    on_pictures = bool(cause.named) and not any(is_mechanical(get_effect(name)) for name in cause.named)
+    return not on_pictures and sum(cause.probabilities[name] for name in cause.named or (cause.top,)) <= SURE
 
-    with threadpool_limits(1):
-        captures = [_measured(look, c) if c.scene == scene else c for c in look.result.captures]
-    return replace(look, result=replace(look.result, captures=tuple(captures)))
 
-
-def _measured(look: FreshLook, capture: CaptureResult) -> CaptureResult:
+def _probed(look: FreshLook, capture: CaptureResult) -> CaptureResult:
     fabric, scene = look.result.task.parameters, look.scene_of(capture)
     rows = probe_responses(look.simulator, fabric, scene, capture.base)
     return replace(capture, responses=replace(capture.responses, probes=rows))

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.afresh.each_capture import each_capture
 from diagnosis.afresh.fresh import FreshLook, Sized, bend, bent, in_nearest_folds, is_mechanical, with_effects
 from diagnosis.afresh.once import Weigh
 from diagnosis.afresh.refinement import alike
@@ -57,7 +58,8 @@ def look_together(
             break
         for pair in wanted:
             seen.setdefault((pair.first, pair.second), []).append(pair)
-        again = workers.map(partial(_looked_at, pairs=wanted, scene=scene), list(now.values()))
+        work = partial(each_capture, change=partial(with_both, pairs=wanted), scene=scene)
+        again = workers.map(work, list(now.values()))
         now = dict(zip(now, again, strict=True))
     return now
 
@@ -91,14 +93,6 @@ def _on_one_sensor(pair: Pair) -> bool:
 
 def _same(pair: Pair, other: Pair) -> bool:
     return all(alike(pair.sizes[name], other.sizes[name], get_effect(name)) for name in (pair.first, pair.second))
-
-
-def _looked_at(look: FreshLook, pairs: Sequence[Pair], scene: str) -> FreshLook:
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
-
-    with threadpool_limits(1):
-        captures = [with_both(look, c, pairs) if c.scene == scene else c for c in look.result.captures]
-        return replace(look, result=replace(look.result, captures=tuple(captures)))
 
 
 def with_both(look: FreshLook, capture: CaptureResult, pairs: Sequence[Pair]) -> CaptureResult:

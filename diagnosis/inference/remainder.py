@@ -64,9 +64,9 @@ class Mixture:
     def of(cls, effects: Sequence[str], blocks: Sequence[Block], model: LikelihoodModel) -> Mixture:
         """Of the catalogue's effects and what is not in it."""
         columns, rows = changes_of(effects, blocks)
-        described = {name: rows[own] for name, own in DESCRIBED.items() if len(rows[own])}
-        unknown = np.concatenate([rows[name] for name in MIXED])
-        families = {ALL: unknown} | {name: rows[name] for name in SINGLE if len(rows[name])}
+        families = {ALL: np.concatenate([rows[name] for name in MIXED])}
+        families |= {name: rows[name] for name in SINGLE if len(rows[name])}
+        described = {name: rows[own] for name, own in DESCRIBED.items() if name in families and len(rows[own])}
         grams = tuple(c @ c.T for c in columns)
         return cls(tuple(blocks), tuple(columns), grams, families, described, model)
 

@@ -168,7 +168,9 @@ def probe_responses(
     lender = _lender(simulator, fabric, scene, state)
     picture, reference = picture_of(lender.drape, scene), make_reference(lender.drape, scene)
     look = _Look(simulator, fabric, scene, lender, picture, reference, fine=True)
-    return simulator.kept(_key("probed with pins", lender, scene), look.probes)
+    changed = [one for scenes in probed(scene).values() for one in scenes]
+    key = content_key(what="probes", base=_key("probes", lender, scene), changed=changed)
+    return simulator.kept(key, look.probes)
 
 
 def are_kept(cache: DrapeCache, state: KeyedDrape, scene: SimulationScene, effects: Sequence[str]) -> bool:

@@ -20,6 +20,7 @@ from diagnosis.simulation.probes import HOOKS, PROBES, TRIM_KG_M, probed
 from diagnosis.simulation.responses import PIN_STEP_M, clean, probe_responses, smaller
 from diagnosis.simulation.simulator import Simulator
 from diagnosis.tasks.fabric_task import BASE_JITTER
+from diagnosis.workers import ALONE
 from simcore.mechanics import UniformCurvature
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -43,7 +44,7 @@ def test_each_probe_adds_to_what_is_there() -> None:
         assert changed.mechanics.rest_curvature[0] == rolled and len(changed.mechanics.rest_curvature) == 2
 
 
-def test_probes_go_on_from_the_state_itself(tmp_path: Any) -> None:
+def test_probes_go_on_from_the_state_itself(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """A weight along the bottom edge does what a hem does, on the state's own cells; pins are told per metre."""
     simulator = Simulator(DrapeCache(tmp_path))
     scene = SimulationScene(Setup.nominal("stretch"))
@@ -66,6 +67,9 @@ def test_probes_go_on_from_the_state_itself(tmp_path: Any) -> None:
     spent = simulator.cost.simulations
     probe_responses(simulator, FABRIC, scene, state)
     assert simulator.cost.simulations == spent
+    monkeypatch.setattr("diagnosis.simulation.probes.TRIM_KG_M", 2 * TRIM_KG_M)  # what was kept is of other probes
+    heavier = probe_responses(simulator, FABRIC, scene, state)["weights"]
+    assert simulator.cost.simulations == spent + PROBES["weights"] and not np.allclose(heavier, found["weights"])
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,10 @@ def answer(top: str, probability: float, *seconds: str) -> Any:
     return SimpleNamespace(top=top, named=named, probabilities=dict.fromkeys((top, *named), probability))
 
 
+def no_weighing(*asked: Any) -> Any:
+    raise AssertionError("nothing is to be weighed or tried here")
+
+
 @pytest.fixture
 def look(monkeypatch: pytest.MonkeyPatch) -> Look:
     monkeypatch.setattr(probing, "probe_responses", lambda *asked: {"pins": asked})
@@ -120,7 +128,7 @@ def look(monkeypatch: pytest.MonkeyPatch) -> Look:
     ],
 )
 def test_an_open_answer_is_probed_in_one_scene(look: Any, cause: Any) -> None:
-    one, other = look_probed({"f": look}, cause, "stretch")["f"].result.captures
+    one, other = look_probed({"f": look}, no_weighing, lambda results: cause, "stretch")["f"].result.captures
     assert one.responses.probes == {"pins": ("own", "fabric", "stated for one", "state")}
     assert other is look.result.captures[1]
 
@@ -136,4 +144,31 @@ def test_an_open_answer_is_probed_in_one_scene(look: Any, cause: Any) -> None:
     ],
 )
 def test_a_sure_answer_and_one_in_the_pictures_are_not(look: Any, cause: Any) -> None:
-    assert look_probed({"f": look}, cause, "stretch")["f"] is look
+    assert look_probed({"f": look}, no_weighing, lambda results: cause, "stretch")["f"] is look
+
+
+@pytest.mark.parametrize(("first", "tries"), [("none", 1), ("crease", 1), ("unknown", 0)])
+def test_the_catalogue_is_tried_before_probes_blame_something_unknown(
+    look: Any, monkeypatch: pytest.MonkeyPatch, first: str, tries: int
+) -> None:
+    """Once, with what the probes say; folds that the trial finds are probed, too."""
+    tried: list[Any] = []
+
+    def look_further(looks: Any, weigh: Any, name: Any, scene: str, workers: Any) -> Any:
+        (one, _), asked = looks["f"].result.captures, (weigh, scene, workers)
+        assert one.responses.probes and asked == (no_weighing, "stretch", ALONE)
+        tried.append(looks)
+        return {"f": look}  # as if in other folds: without probes
+
+    def name(results: list[Result]) -> Any:
+        return answer("unknown" if results[0].captures[0].responses.probes else first, 0.9)
+
+    monkeypatch.setattr(probing, "look_further", look_further)
+    found = look_probed({"f": look}, no_weighing, name, "stretch")
+    assert len(tried) == tries and found["f"].result.captures[0].responses.probes
+
+
+def test_probes_that_find_nothing_try_nothing(look: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(probing, "look_further", no_weighing)
+    found = look_probed({"f": look}, no_weighing, lambda results: answer("none", 0.9), "stretch")
+    assert found["f"].result.captures[0].responses.probes

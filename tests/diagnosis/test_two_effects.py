@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -264,11 +265,11 @@ def test_a_pair_is_simulated_again_only_where_its_sizes_moved_and_it_is_near(
 ) -> None:
     simulated: list[float] = []
 
-    def look(own: Any, pairs: Sequence[Pair], scene: str) -> Any:
-        simulated.extend(pair.sizes["crease"][SCALAR] for pair in pairs)
+    def look(own: Any, change: partial[Any], scene: str) -> Any:
+        simulated.extend(pair.sizes["crease"][SCALAR] for pair in change.keywords["pairs"])
         return own
 
-    monkeypatch.setattr(together, "_looked_at", look)
+    monkeypatch.setattr(together, "each_capture", look)
     causes = iter([cause_of(nats, size=size) for size in (*sizes, sizes[-1])])
     looks: Any = {"f1": SimpleNamespace(result=None)}
     together.look_together(looks, lambda _: next(causes), "stretch")
