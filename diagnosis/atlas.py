@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 from diagnosis.afresh.fresh import is_mechanical, moves_camera
-from diagnosis.afresh.further import TRIAL_LOOKS
+from diagnosis.afresh.further import FURTHER, TRIAL_LOOKS
 from diagnosis.afresh.refinement import CANDIDATES, LOOKS, PICTURE_ROUNDS
+from diagnosis.afresh.second import MOST_SIZES
+from diagnosis.afresh.second import SECONDS as SECOND_EFFECTS
 from diagnosis.afresh.together import CANDIDATES as PAIRS
 from diagnosis.afresh.together import ROUNDS as PAIR_ROUNDS
 from diagnosis.atlas_part import AtlasPart
@@ -140,7 +142,7 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
         for name in {capture.scene.setup.scene.value for capture in task.captures}:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
             looks = CANDIDATES if name == "stretch" else 0
-            further = LOOKS + TRIAL_LOOKS + PAIR_ROUNDS * PAIRS if name == "stretch" else 0
+            further = LOOKS + TRIAL_LOOKS + PAIR_ROUNDS * PAIRS + SECOND_EFFECTS if name == "stretch" else 0
             further += PICTURE_ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]
             beside = _beside(task.effects) if name == "stretch" else 0
             pins = len(own[0].scene.setup.pins_m)
@@ -149,8 +151,9 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)
+            tried = FURTHER + SECOND_EFFECTS * MOST_SIZES if name == "stretch" else 0
             missed, again = (len(FURTHER_SEEDS), STARTS[name]) if name == "stretch" else (0, 0)
-            most += (bases + missed, len(own) * (one + beside), len(own) * (1 + further + again) + missed)
+            most += (bases + missed, len(own) * (one + beside) + tried, len(own) * (1 + further + again) + missed)
     each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])
     totals = [(int(number.sum()), float(number @ each)) for number in (counts, most)]
     return Forecast(*totals[0], *totals[1], ready, len(tasks))

@@ -15,6 +15,7 @@ from diagnosis.afresh.grip import Grip, judge_grip, with_other_grip
 from diagnosis.afresh.once import once
 from diagnosis.afresh.probing import look_probed
 from diagnosis.afresh.refinement import look_again
+from diagnosis.afresh.second import look_for_second
 from diagnosis.afresh.together import look_together
 from diagnosis.atlas import forecast
 from diagnosis.effect import SCALAR
@@ -210,6 +211,7 @@ class _Conclusion:
                 return self._held_otherwise(held, looks, assumed, began, lpips)
             looks = look_beside(looks, likely, scene, self.workers)
             looks = look_together(looks, name, scene, self.workers)
+            looks = look_for_second(looks, name, scene, self.workers)
             looks = look_probed(looks, weigh, name, scene, self.workers)
             results = [look.result for look in looks.values()]
         cause = name(results)

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from diagnosis.afresh.by_distance import known_squares, most, squares
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical, moves_camera
 from diagnosis.afresh.once import Weigh as Name
 from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Search, Weigh, leader
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
-from diagnosis.inference.larger import PLAIN
+from diagnosis.inference.larger import MUCH, PLAIN
 from diagnosis.workers import ALONE, Workers
 
 FURTHER = 6
 """So many effects on the cloth are simulated on trial."""
+AS_NEAR = 1.5
+"""Beside one that is named, others are simulated on trial where most fabrics' square distances are below this times
+those with it, when they simply come on."""
 TRIAL_LOOKS = FURTHER + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
 """Simulations of effects for a capture, at most: on trial, and in rounds where that shows more."""
 
@@ -46,6 +50,8 @@ def look_further(
     first = leader(cause)
     shown = None if first is None or is_mechanical(get_effect(first)) else (first, cause.evidence[first].size)
     further = search.unseen(on_the_cloth(weigh(results, shown)))[:FURTHER]
+    if cause.named and shown is None:
+        further = _as_near(looks, (cause.top, cause.evidence[cause.top].size), further, scene, workers)
     if not further:
         return dict(looks)
     through = () if shown is None or not moves_camera(shown[0]) else (shown,)
@@ -55,15 +61,25 @@ def look_further(
     return trial if {tried for tried, _ in further} & set(found.named) else dict(looks)
 
 
-def leaves_much(cause: Cause) -> bool:
-    """Something unknown is the answer, or camera and sensor alone are named and most fabrics differ by more than that.
+def _as_near(
+    looks: Mapping[str, FreshLook], named: Sized, others: list[Sized], scene: str, workers: Workers
+) -> list[Sized]:
+    """Of other effects those with which most fabrics are about as near to their captures as with the named one."""
+    known = known_squares(looks, [named], scene, workers)
+    rest = squares(looks, [(other,) for other in others], scene, workers)
+    return [other for other, own in zip(others, rest, strict=True) if most(own, known) < AS_NEAR]
 
-    What these change is known well; what an effect on the cloth leaves may be its own, simulated less well.
+
+def leaves_much(cause: Cause) -> bool:
+    """Something unknown is the answer, or what is named leaves more in most fabrics than simulators differ by.
+
+    What camera and sensor change is known well; what an effect on the cloth leaves may be its own, simulated less well,
+    or that of another one that only comes near it, and is looked into earlier.
     """
     if cause.top == "unknown":
         return True
     cloth = any(get_effect(name).moves_cloth for name in cause.named)
-    return bool(cause.named) and not cloth and cause.left is not None and cause.left > PLAIN
+    return bool(cause.named) and cause.left is not None and cause.left > (MUCH if cloth else PLAIN)
 
 
 def on_the_cloth(cause: Cause) -> list[Sized]:

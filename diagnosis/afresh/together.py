@@ -58,10 +58,16 @@ def look_together(
             break
         for pair in wanted:
             seen.setdefault((pair.first, pair.second), []).append(pair)
-        work = partial(each_capture, change=partial(with_both, pairs=wanted), scene=scene)
-        again = workers.map(work, list(now.values()))
-        now = dict(zip(now, again, strict=True))
+        now = with_pairs(now, wanted, scene, workers)
     return now
+
+
+def with_pairs(
+    looks: Mapping[str, FreshLook], pairs: Sequence[Pair], scene: str, workers: Workers = ALONE
+) -> dict[str, FreshLook]:
+    """Fabrics with what pairs of effects do together, at the sizes they have, in all captures of a scene."""
+    work = partial(each_capture, change=partial(with_both, pairs=pairs), scene=scene)
+    return dict(zip(looks, workers.map(work, list(looks.values())), strict=True))
 
 
 def candidates(cause: Cause, nats: float = SOLVED_NATS) -> list[Pair]:

@@ -29,10 +29,14 @@ SECOND_NATS = 2.0
 """A second effect that explains no more than this adds nothing."""
 REFUTED = 0.1
 """Share of its probability that an effect keeps which brings the simulation no nearer to captures held out from it."""
+DOUBTED = 0.05
+"""Factor of the odds of two effects against one where held-out captures come no nearer by the second."""
 REMAINDER_SHARE = 0.5
 """Of ``unknown``: something that shows in what is common to all fabrics, alone or beside an effect."""
 SHOWN_NATS = 0.5
 """An effect that changes the log likelihood by less at any size is not seen by these captures."""
+FIRST_SHARE = 0.501
+"""Of a pair's probability, its first effect's."""
 REFERENCE_ROUNDS = 4
 """So often another explanation may turn out to be the best one when all are held against it."""
 
@@ -119,14 +123,25 @@ class Cause:
         ``none`` and ``unknown`` share the rest as they stand; what two effects together lose, all explanations by one.
         """
         if len(self.named) == 2:
-            left = REFUTED * self.pair_probability
-            single = {name: p + 1e-300 for name, p in self.alone.items()}
-            total = sum(single.values())
-            alone = {name: (1.0 - left) * p / total for name, p in single.items()}
-            changed = {n: alone[n] + REFUTED * (p - self.alone[n]) for n, p in self.probabilities.items()}
-            return replace(self, probabilities=changed, pair_probability=left, alone=alone)
+            return self._with_pairs(REFUTED * self.pair_probability)
         changed = self._to_no_effect((1.0 - REFUTED) * self.probabilities[self.top])
         return replace(self, probabilities=changed, pair_probability=0.0, alone=changed)
+
+    def second_doubted(self) -> Cause:
+        """With the odds of two effects against one lowered by what held-out captures say.
+
+        These are few, and distances hardly show what is narrow, as a crease is: they are one more piece of evidence.
+        """
+        odds = DOUBTED * self.pair_probability
+        return self._with_pairs(odds / (odds + 1.0 - self.pair_probability))
+
+    def _with_pairs(self, left: float) -> Cause:
+        """With this probability for all pairs; explanations by one share the rest as they stand."""
+        single = {name: p + 1e-300 for name, p in self.alone.items()}
+        total, share = sum(single.values()), left / self.pair_probability
+        alone = {name: (1.0 - left) * p / total for name, p in single.items()}
+        changed = {n: alone[n] + share * (p - self.alone[n]) for n, p in self.probabilities.items()}
+        return replace(self, probabilities=changed, pair_probability=left, alone=alone)
 
     def doubted(self, most: float) -> Cause:
         """With no more probability than ``most`` for the one effect that is named, as by :meth:`refuted`."""
@@ -198,7 +213,7 @@ def name_cause(
         known = max(known, nothing + larger) + np.log1p(-REMAINDER_SHARE)
         total = float(np.logaddexp(known, besides.evidence + np.log(REMAINDER_SHARE)))
         evidence["unknown"] = replace(evidence["unknown"], log_evidence=total)
-    two = [beyond_the_first(pair, evidence) for pair in tried]
+    two = [beyond_the_first(pair, evidence, as_held) for pair in tried]
     found = [pair for pair in two if pair.evidence.log_evidence > evidence[pair.first].log_evidence + SECOND_NATS]
     cause = _weigh(shares, evidence, found, prior)
     cause = replace(cause, tried=tuple(tried), likelihood=cause.likelihood + float(sum(reference)))
@@ -307,12 +322,40 @@ def _weigh(
     two = [p.evidence.log_evidence + np.log(share) for p, share in zip(pairs, chance, strict=True)]
     total = float(logsumexp([*weight.values(), *two]))
     alone = {name: float(np.exp(w - total)) for name, w in weight.items()}
-    probabilities = dict(alone)
-    for pair, w in zip(pairs, two, strict=True):
-        probabilities[pair.first] += 0.501 * float(np.exp(w - total))
-        probabilities[pair.second] += 0.499 * float(np.exp(w - total))
+    probabilities = shared(alone, pairs, [float(np.exp(w - total)) for w in two])
     others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
     factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
     best = pairs[int(np.argmax(two))] if pairs else None
     pair_probability = float(np.exp(np.array(two) - total).sum())
     return Cause(probabilities, evidence, float(factor), best, pair_probability, alone, likelihood=total)
+
+
+def shared(alone: Mapping[str, float], pairs: Sequence[Pair], two: Sequence[float]) -> dict[str, float]:
+    """Probabilities of all explanations, each pair's shared by its two effects.
+
+    In halves, the first a little more; where two effects together are more probable than anything by one, unevenly if
+    need be: an effect of the best pair gets so much of all its pairs that nothing else is the most probable.
+
+    Args:
+        alone: explanations by one.
+        pairs, two: two effects, and how probable they are together.
+    """
+    preferred, share = None, FIRST_SHARE
+    if sum(two) > 0.5:
+        best = pairs[int(np.argmax(two))]
+        masses = {name: _mass(name, pairs, two) for name in (best.first, best.second)}
+        preferred = max(masses, key=lambda name: masses[name])
+        needed = (FIRST_SHARE / 0.5 * max(alone.values()) - alone[preferred]) / masses[preferred]
+        share = min(1.0, max(FIRST_SHARE, needed))
+    found = dict(alone)
+    for pair, p in zip(pairs, two, strict=True):
+        first, second = (pair.second, pair.first) if pair.second == preferred else (pair.first, pair.second)
+        own = share if first == preferred else FIRST_SHARE
+        found[first] += own * p
+        found[second] += (1.0 - own) * p
+    return found
+
+
+def _mass(name: str, pairs: Sequence[Pair], two: Sequence[float]) -> float:
+    """Probability of all pairs that an effect is one of."""
+    return sum(p for pair, p in zip(pairs, two, strict=True) if name in (pair.first, pair.second))

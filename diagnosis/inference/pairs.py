@@ -14,10 +14,11 @@ from diagnosis.groups import group_of
 from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.inference.evidence import Evidence, Table, or_unmoved, tabulate, tabulate_nothing
 from diagnosis.inference.holds import over_holds
+from diagnosis.inference.larger import MUCH, usual_square
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.one_fabric import by_more_than_one
 from diagnosis.inference.scatter import with_scatter
-from diagnosis.inference.subtract import pixels_together, pixels_without, together, without
+from diagnosis.inference.subtract import pixels_together, pixels_without, together, without, without_both
 
 Array = NDArray[np.float64]
 FIRST_EFFECTS = 3
@@ -25,6 +26,10 @@ FIRST_EFFECTS = 3
 PICKED_UP = 0.3
 """Of what an effect on the cloth gains, so much a second one on the cloth may gain by what the first leaves: large
 changes are simulated less well, and what is left of them looks like some other effect."""
+
+
+HALVED = 0.5
+"""Of what the first leaves, both leave less than this share where nothing is picked up."""
 
 
 @dataclass(frozen=True)
@@ -100,14 +105,34 @@ def weigh_pairs(
     return found
 
 
-def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence]) -> Pair:
-    """Without what the second gains by what the first leaves."""
+def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence], ways: Sequence[Sequence[Block]] = ()) -> Pair:
+    """Without what the second gains by what the first leaves.
+
+    Not where the first leaves much more in most fabrics than simulators differ by, and both half of it or less: what
+    large changes leave for being simulated less well, no other effect takes away in all fabrics.
+
+    Args:
+        pair: as weighed.
+        evidence: of single explanations.
+        ways: blocks, one way or several in which magnets may hold; the calmest counts.
+    """
     first, second = get_effect(pair.first), get_effect(pair.second)
     if not first.moves_cloth or not (second.moves_cloth or second.random_repeats):
         return pair
+    if not second.random_repeats:
+        alone = _left_by(ways, {pair.first: evidence[pair.first].size})
+        both = _left_by(ways, pair.sizes)
+        if alone is not None and both is not None and alone > MUCH and both < HALVED * alone:
+            return pair
     gained = max(0.0, evidence[pair.first].log_evidence - evidence["none"].log_evidence)
     own = pair.evidence
     return replace(pair, evidence=replace(own, log_evidence=own.log_evidence - PICKED_UP * gained))
+
+
+def _left_by(ways: Sequence[Sequence[Block]], sizes: Mapping[str, Mapping[str, float]]) -> float | None:
+    """What effects of these sizes leave in most fabrics; None where too few were seen."""
+    squares = [usual_square(without_both(blocks, sizes)) for blocks in ways]
+    return min((square for square in squares if square is not None), default=None)
 
 
 def _pairs(

@@ -45,13 +45,13 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
     """
     measured = measure(cause)
     if measured is not None and len(cause.named) == 2:
-        single = cause.refuted()
-        if is_refuted(measured) or is_unshown(cause, measured):
-            cause, measured = single, measure(single)
-        elif set(single.named) & set(cause.named) and all(is_mechanical(get_effect(n)) for n in cause.named):
-            both, alone = measure(cause, known=True), measure(single, known=True)
-            if both is not None and alone is not None and is_needless(both.shrinkage, alone.shrinkage):
-                cause, measured = single, measure(single)
+        if is_refuted(measured):
+            cause = cause.refuted()
+            measured = measure(cause)
+        elif is_unshown(cause, measured) or _second_is_needless(cause, measure):
+            doubted = cause.second_doubted()
+            measured = measured if doubted.named == cause.named else measure(doubted)
+            cause = doubted
     while measured is not None and is_refuted(measured):  # ends: none and unknown get what effects lose
         cause = cause.refuted()
         measured = measure(cause) if cause.named else None
@@ -60,6 +60,15 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
             if measured.shrinkage.fraction < closed:
                 cause = cause.doubted(most)
     return cause, measured
+
+
+def _second_is_needless(cause: Cause, measure: Measure) -> bool:
+    """Of two named effects on the cloth, one leaves held-out captures about as near as both."""
+    single = cause.refuted()
+    if not set(single.named) & set(cause.named) or not all(is_mechanical(get_effect(n)) for n in cause.named):
+        return False
+    both, alone = measure(cause, known=True), measure(single, known=True)
+    return both is not None and alone is not None and is_needless(both.shrinkage, alone.shrinkage)
 
 
 def _names_one_on_the_cloth(cause: Cause) -> bool:

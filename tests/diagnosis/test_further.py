@@ -6,8 +6,10 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from diagnosis.afresh import further
 from diagnosis.afresh.further import FURTHER, look_further
 
 CLOTH = ("air_draft", "crease", "edge_curl", "hem_weight", "off_grain", "panel_adhesion", "panel_tilt", "pin_drop")
@@ -89,7 +91,6 @@ def test_another_answer_needs_no_trial(top: str) -> None:
         ("sensor_smoothing", 1.5, True),
         ("camera_translation", 1.1, False),
         ("camera_translation", None, False),  # too few fabrics
-        ("panel_tilt", 1.5, False),  # what it leaves may be its own
     ],
 )
 def test_where_a_camera_or_sensor_alone_leaves_much_others_are_tried(
@@ -98,6 +99,22 @@ def test_where_a_camera_or_sensor_alone_leaves_much_others_are_tried(
     simulated, _, beside, kept = a_trial(named, named, (named, "hem_weight"), (named,), left)
     assert bool(simulated) is kept is tried
     assert not tried or beside[0][0] == named
+
+
+@pytest.mark.parametrize(("left", "near", "tried"), [(1.1, True, True), (1.1, False, False), (0.9, True, False)])
+def test_where_one_on_the_cloth_leaves_much_those_that_come_as_near_are_tried(
+    monkeypatch: pytest.MonkeyPatch, left: float, near: bool, tried: bool
+) -> None:
+    """A draft was named where the cloth stuck to the panel: that had never been simulated at its size."""
+
+    def squares(looks: Any, trials: list[Any], scene: str, workers: Any) -> Any:
+        return np.array([[1.2, 1.3] if near and trial[0][0] == "hem_weight" else [2.0, 9.0] for trial in trials])
+
+    monkeypatch.setattr(further, "known_squares", lambda looks, effects, scene, workers: np.ones(2))
+    monkeypatch.setattr(further, "squares", squares)
+    simulated, through, beside, kept = a_trial("panel_tilt", "panel_tilt", ("hem_weight",), ("panel_tilt",), left)
+    assert bool(simulated) is kept is tried
+    assert not tried or (simulated[0] == ["hem_weight"] and beside[0] is None and through[0] == ())
 
 
 def test_beside_a_camera_that_leads_they_are_chosen_and_simulated_through_it() -> None:

@@ -103,7 +103,7 @@ class Look:
 def answer(top: str, probability: float, *seconds: str) -> Any:
     """Of two effects each has the same."""
     named = () if top in ("none", "unknown") else (top, *seconds)
-    return SimpleNamespace(top=top, named=named, probabilities=dict.fromkeys((top, *named), probability))
+    return SimpleNamespace(top=top, named=named, probabilities=dict.fromkeys((top, *named), probability), left=None)
 
 
 def no_weighing(*asked: Any) -> Any:

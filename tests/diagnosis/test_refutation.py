@@ -102,6 +102,21 @@ def test_two_effects_that_are_refuted_leave_one_of_them_where_it_explains_alone(
     assert again.top == "unknown" and sum(again.probabilities.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("together", "after", "named"), [(0.9, 0.31, 1), (0.999, 0.98, 2)])
+def test_a_doubted_second_effect_keeps_a_twentieth_of_its_odds(together: float, after: float, named: int) -> None:
+    """A crease that gains ten nats beside depths out of scale closes hardly any of the gap, so narrow is it."""
+    cause = two_effects(unknown=0.02)
+    alone = {name: p * (1.0 - together) / 0.1 for name, p in cause.alone.items()}
+    first, second = cause.named
+    probabilities = {**alone, first: alone[first] + together / 2, second: alone[second] + together / 2}
+    cause = dataclasses.replace(cause, alone=alone, probabilities=probabilities, pair_probability=together)
+    left = cause.second_doubted()
+    assert left.pair_probability == pytest.approx(after, abs=0.005) and len(left.named) == named
+    assert left.probabilities[second] == pytest.approx(left.pair_probability / 2, abs=1e-6)
+    assert left.alone["unknown"] / left.alone[first] == pytest.approx(alone["unknown"] / alone[first])
+    assert sum(left.probabilities.values()) == pytest.approx(1.0)
+
+
 def test_effects_have_the_sizes_that_fit_them_together_or_alone() -> None:
     cause = two_effects(unknown=0.02)
     names, sizes = ("edge_flying_pixels", "stretch_stiffening"), ({"magnitude": 0.4}, {"magnitude": 0.05})

@@ -279,11 +279,22 @@ def test_a_pair_is_simulated_again_only_where_its_sizes_moved_and_it_is_near(
 def test_a_second_effect_gains_more_than_what_a_strong_first_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
     blocks = blocks_of(SIZES)
     both = named(blocks)
+    monkeypatch.setattr(pairs_module, "HALVED", 0.0)  # however much the first leaves
     monkeypatch.setattr(pairs_module, "PICKED_UP", 5.0)
     one = named(blocks)  # nothing gains that much
     assert len(both.named) == 2 and both.pair_probability > 0.99
     assert len(one.named) < 2 and one.pair_probability < 0.01
     assert one.tried == both.tried, "what is simulated together is chosen by what both gain"
+
+
+@pytest.mark.parametrize(("halved", "together"), [(1.0, True), (0.0, False)])
+def test_what_halves_the_much_that_the_first_leaves_is_not_picked_up(
+    monkeypatch: pytest.MonkeyPatch, halved: float, together: bool
+) -> None:
+    blocks = blocks_of(SIZES)
+    monkeypatch.setattr(pairs_module, "PICKED_UP", 5.0)
+    monkeypatch.setattr(pairs_module, "HALVED", halved)
+    assert (len(named(blocks).named) == 2) is together
 
 
 def test_both_responses_give_what_was_simulated_with_both_on() -> None:
