@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from diagnosis.afresh.by_distance import known_squares, most, squares
+from diagnosis.afresh.by_distance import most, squares
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical, moves_camera
 from diagnosis.afresh.once import Weigh as Name
 from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Search, Weigh, leader
@@ -15,9 +15,9 @@ from diagnosis.workers import ALONE, Workers
 
 FURTHER = 6
 """So many effects on the cloth are simulated on trial."""
-AS_NEAR = 1.5
+AS_NEAR = 3.0
 """Beside one that is named, others are simulated on trial where most fabrics' square distances are below this times
-those with it, when they simply come on."""
+those with it, when they simply come on: folds that captures lead to are nearer."""
 TRIAL_LOOKS = FURTHER + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
 """Simulations of effects for a capture, at most: on trial, and in rounds where that shows more."""
 
@@ -64,10 +64,12 @@ def look_further(
 def _as_near(
     looks: Mapping[str, FreshLook], named: Sized, others: list[Sized], scene: str, workers: Workers
 ) -> list[Sized]:
-    """Of other effects those with which most fabrics are about as near to their captures as with the named one."""
-    known = known_squares(looks, [named], scene, workers)
-    rest = squares(looks, [(other,) for other in others], scene, workers)
-    return [other for other, own in zip(others, rest, strict=True) if most(own, known) < AS_NEAR]
+    """Of other effects those that bring most fabrics about as near to their captures as the named one, all of them
+    simply coming on.
+    """
+    others = [other for other in others if other[0] != named[0]]
+    own, *rest = squares(looks, [(named,), *((other,) for other in others)], scene, workers)
+    return [other for other, found in zip(others, rest, strict=True) if most(found, own) < AS_NEAR]
 
 
 def leaves_much(cause: Cause) -> bool:

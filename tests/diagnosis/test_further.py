@@ -108,9 +108,10 @@ def test_where_one_on_the_cloth_leaves_much_those_that_come_as_near_are_tried(
     """A draft was named where the cloth stuck to the panel: that had never been simulated at its size."""
 
     def squares(looks: Any, trials: list[Any], scene: str, workers: Any) -> Any:
-        return np.array([[1.2, 1.3] if near and trial[0][0] == "hem_weight" else [2.0, 9.0] for trial in trials])
+        assert [name for name, _ in trials[0]] == ["panel_tilt"]
+        close = {"panel_tilt": [1.0, 1.0]} | ({"hem_weight": [2.8, 2.9]} if near else {})
+        return np.array([close.get(trial[0][0], [2.0, 9.0]) for trial in trials])
 
-    monkeypatch.setattr(further, "known_squares", lambda looks, effects, scene, workers: np.ones(2))
     monkeypatch.setattr(further, "squares", squares)
     simulated, through, beside, kept = a_trial("panel_tilt", "panel_tilt", ("hem_weight",), ("panel_tilt",), left)
     assert bool(simulated) is kept is tried

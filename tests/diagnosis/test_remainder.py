@@ -148,11 +148,13 @@ def test_a_change_shows_most_in_its_own_family_and_in_no_other(family: str) -> N
     others = {name: value for name, value in found.items() if name not in (family, "all")}
     if family == "rim":  # where lines end
         assert others.pop("lines") < 0.5 * BY_CHANCE_NATS["lines"]
+    if family == "pins":  # of the same moves
+        assert others.pop("one pin") < found["pins"]
     assert max(others.values()) < 0.0
 
 
-def pins_gain(effects: Sequence[str], move: Sequence[float]) -> float:
-    """What pins alone gain in fabrics put up with all pins moved by two millimetres times ``move``."""
+def pins_gain(effects: Sequence[str], move: Sequence[float], family: str = "pins") -> float:
+    """What pins alone, or one of them, gain in fabrics put up with all pins moved by two millimetres times ``move``."""
     blocks = []
     for block in fabrics(range(FABRICS), None, pins=(6,) * FABRICS):
         measured = block.stated.measured + 0.002 * np.array(move) @ block.pins / ERROR_M
@@ -161,7 +163,7 @@ def pins_gain(effects: Sequence[str], move: Sequence[float]) -> float:
         blocks.append(replace(block, stated=view, wide=view))
     mixture = Mixture.of(effects, blocks, LikelihoodModel())
     gained = mixture.gain([block.stated.measured for block in blocks])
-    return float(dict(zip(mixture.families, gained, strict=True))["pins"])
+    return float(dict(zip(mixture.families, gained, strict=True))[family])
 
 
 def test_pins_moved_as_an_effect_of_the_catalogue_says_are_nothing_unknown() -> None:
@@ -175,6 +177,14 @@ def test_a_pin_that_no_effect_moves_so_stays_unknown() -> None:
     downward = [0, -1.0, 0, 0, 0, 0]
     assert pins_gain(EFFECTS, downward) > 8.0
     assert pins_gain((*EFFECTS, "pin_spacing"), downward) > 8.0
+
+
+def test_one_pin_that_is_moved_shows_by_itself() -> None:
+    """Whichever it is; moves of two pins, as an effect makes them, show less as one's."""
+    downward, outward = [0, -1.0, 0, 0, 0, 0], [-0.5, 0, 0.5, 0, 0, 0]
+    assert pins_gain(EFFECTS, downward, "one pin") > 8.0
+    assert pins_gain(EFFECTS, outward, "one pin") < pins_gain(EFFECTS, outward)
+    assert pins_gain((*EFFECTS, "pin_spacing"), outward, "one pin") < 2.0
 
 
 @pytest.mark.parametrize("family", ["rim", "lines", "picture", "pins"])
