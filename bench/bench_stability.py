@@ -37,8 +37,9 @@ BOUNDS_MM = (0.0, 12.0, 18.0, 27.0, np.inf)
 def one(solver: Solver, fabric: FabricParameters, scene: Scene, seed: int) -> dict[str, Any]:
     """Drape and judge."""
     drape = solver.solve(fabric, Setup.nominal(scene), seed=seed, time_limit_s=240.0)
-    touching = solver.levels[-1].own_contact is not None
-    cloth = cloth_of(drape, fabric, Setup.nominal(scene), seed=seed, own_contact=touching)
+    contact = solver.levels[-1].own_contact
+    apart = 0 if contact is None else contact.apart
+    cloth = cloth_of(drape, fabric, Setup.nominal(scene), seed=seed, own_contact=apart)
     bending = float(np.sqrt(fabric.bending_warp * fabric.bending_weft))
     return {
         "scene": scene.value,
@@ -49,7 +50,7 @@ def one(solver: Solver, fabric: FabricParameters, scene: Scene, seed: int) -> di
         "stable": drape.stable,
         "residual": drape.residual,
         "reference_residual": cloth.residual(positions(drape)),
-        "touching": touching,
+        "touching": apart,
         "seconds": drape.seconds,
         "lowest_m": float(drape.vertices[:, 2].min()),
         "crossings": count_crossings(drape.vertices, solver.mesh.triangles),

@@ -46,17 +46,17 @@ class Level:
         mechanics: Mechanics,
         contact: PanelContact,
         fixed: NDArray[np.int32],
-        own_contact: bool = False,
+        own_contact: int = 0,
     ) -> None:
         """Choose what is solved next: fabric, mechanics, contact and the held vertices (int32, 1 = held).
 
-        ``own_contact``: parts of the cloth keep off each other.
+        ``own_contact``: parts of the cloth keep off each other that are so many cells apart; 0: none do.
         """
         self.contact = contact
         self.loads = Load.of(self.grid, fabric, mechanics)
         self.cloths = Cloths.one(self.grid, self.forms, fabric, mechanics, contact, fixed)
         self._take(self.cloths.skew is not None)
-        self.own_contact = SelfContact(self.grid, self.loads.weight, fixed) if own_contact else None
+        self.own_contact = SelfContact(self.grid, self.loads.weight, fixed, own_contact) if own_contact else None
 
     def _take(self, skew: bool) -> None:
         """Turn to the pattern and factorisations of cloth that is, or is not, coupled as ``skew_kernels`` say."""

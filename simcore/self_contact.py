@@ -23,10 +23,13 @@ REACH_M = 2e-3
 """Distance between two parts of the cloth at which they begin to push [m]; at most a fifth of a cell."""
 STIFFNESS_WEIGHTS = 5.0
 """Barrier energy scale: this many vertex weights times the reach, as at the panel."""
-APART = 2
-"""Cells between two parts from which on they count as parts of their own."""
-FAR = 4
-"""Cells along the cloth from which on nearness in space means a fold."""
+APART, TUCKED = 2, 1
+"""Cells between two parts from which on they count as parts of their own: as a rule, and where a tuck of two cells, as
+round a point that the folds run into, would be left to cross."""
+FOLD = 2
+"""So many cells farther along the cloth, nearness in space means a fold."""
+WIDER = 2
+"""Cells round such vertices that are looked at, too."""
 PART = 40_000
 """Pairs that are looked at together: where a cell is far stretched, a million lie within its length."""
 SLACK_CELLS = 0.3
@@ -61,9 +64,11 @@ class SelfContact:
         grid: the vertices.
         weight: of an inner vertex [N].
         fixed: held vertices, int32 [rows, columns].
+        apart: cells between parts that keep off each other, :data:`APART` or :data:`TUCKED`.
     """
 
-    def __init__(self, grid: Grid, weight: float, fixed: NDArray[np.int32]) -> None:
+    def __init__(self, grid: Grid, weight: float, fixed: NDArray[np.int32], apart: int = APART) -> None:
+        self.apart = apart
         cell = min(grid.hu, grid.hv)
         self.reach = min(REACH_M, 0.2 * cell)
         self._scale = STIFFNESS_WEIGHTS * weight * self.reach
@@ -167,11 +172,11 @@ class SelfContact:
         longest = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max())
         pairs = cKDTree(points).query_pairs(clear + longest, output_type="ndarray")
         rows, columns = pairs // self._columns, pairs % self._columns
-        far = np.maximum(np.abs(rows[:, 0] - rows[:, 1]), np.abs(columns[:, 0] - columns[:, 1])) >= FAR
+        far = np.maximum(np.abs(rows[:, 0] - rows[:, 1]), np.abs(columns[:, 0] - columns[:, 1])) >= self.apart + FOLD
         found = np.zeros(len(points), dtype=bool)
         found[pairs[far].ravel()] = True
         grid = found.reshape(-1, self._columns)
-        return np.asarray(binary_dilation(grid, np.ones((3, 3), dtype=bool), APART).ravel() if found.any() else found)
+        return np.asarray(binary_dilation(grid, np.ones((3, 3), dtype=bool), WIDER).ravel() if found.any() else found)
 
     def _search(
         self, points: Array, clear: float, chosen: Ints, edges: Ints, triangles: Ints
@@ -208,11 +213,11 @@ class SelfContact:
         return corner_pairs, edge_pairs, piercing
 
     def _apart(self, pairs: Ints, first: Ints, second: Ints) -> NDArray[np.bool_]:
-        """Whether every vertex of a part is ``APART`` cells from every vertex of the other one, [pairs]."""
+        """Whether every vertex of a part is ``apart`` cells from every vertex of the other one, [pairs]."""
         a, b = first[pairs[:, 0]], second[pairs[:, 1]]
         rows = np.abs(a[:, :, None] // self._columns - b[:, None, :] // self._columns)
         columns = np.abs(a[:, :, None] % self._columns - b[:, None, :] % self._columns)
-        return np.asarray((np.maximum(rows, columns) >= APART).all(axis=(1, 2)))
+        return np.asarray((np.maximum(rows, columns) >= self.apart).all(axis=(1, 2)))
 
 
 def _parts(pairs: Ints) -> Iterator[Ints]:

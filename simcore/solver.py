@@ -23,6 +23,7 @@ from simcore.newton import Newton, NewtonOptions, Rest
 from simcore.parameters import FabricParameters
 from simcore.placement import Perturbation, Pins, put_up
 from simcore.scenes import GRAVITY_M_S2, Setup
+from simcore.self_contact import APART, TUCKED
 from simcore.verdict import verdict
 
 Array = NDArray[np.float64]
@@ -81,7 +82,7 @@ class _Problem:
     perturbation: Perturbation
     start: Drape | None
     deadline: float
-    own_contact: bool = False
+    own_contact: int = 0
 
 
 class Solver:
@@ -134,9 +135,11 @@ class Solver:
         rest, iterations = self._cascade(problem)
         energy = self.levels[-1].energy(rest.x)
         crossings = self._crossings(rest)
-        if crossings:
+        for apart in (APART, TUCKED):
+            if not crossings:
+                break
             # few drapes touch themselves: those that would pass through are put up again with that contact on
-            again, more = self._cascade(replace(problem, own_contact=True))
+            again, more = self._cascade(replace(problem, own_contact=apart))
             iterations += more
             if again.converged:
                 rest, energy, crossings = again, self.levels[-1].energy(again.x), self._crossings(again)
@@ -208,7 +211,7 @@ class Solver:
             friction.hold(level, x, mechanics.friction, pressing)
         return x, steps
 
-    def _refine(self, level: Level, x: Array, own_contact: bool) -> Array:
+    def _refine(self, level: Level, x: Array, own_contact: int) -> Array:
         """Positions on a finer level: smooth, or along the coarse cells where parts in touch would cross otherwise."""
         smooth = prolong(x, level.grid)
         if own_contact and count_crossings(smooth.reshape(-1, 3), grid_triangles(level.grid.rows, level.grid.columns)):

@@ -53,7 +53,7 @@ def cloth_of(
     jitter: Jitter = Jitter(),
     seed: int = 0,
     friction: Friction | None = None,
-    own_contact: bool = False,
+    own_contact: int = 0,
 ) -> Cloth:
     """The reference of the problem that the drape says it solves."""
     held, _ = held_places(drape, setup, jitter, seed)
@@ -69,7 +69,7 @@ def stiffness_matrix(cloth: Cloth, x: Array) -> sp.csc_array:
     """
     rows, columns, _ = x.shape
     step = 1e-7
-    alone = replace(cloth, own_contact=False)
+    alone = replace(cloth, own_contact=0)
     j, i = np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij")
     entries: list[tuple[Array, Array, Array]] = []
     for dj in range(5):
@@ -89,7 +89,7 @@ def stiffness_matrix(cloth: Cloth, x: Array) -> sp.csc_array:
     row, column, value = (np.concatenate([e[n] for e in entries]) for n in range(3))
     whole = sp.csc_array((value, (row, column)), shape=(x.size, x.size))
     if cloth.own_contact:
-        whole += own_contact_stiffness(x, cloth.hu, cloth.hv, cloth.weight())
+        whole += own_contact_stiffness(x, cloth.hu, cloth.hv, cloth.weight(), cloth.own_contact)
     free = np.flatnonzero(np.repeat(~cloth.held.ravel(), 3))
     part = whole[free][:, free]
     return sp.csc_array(0.5 * (part + part.T))

@@ -44,7 +44,7 @@ class Friction:
 class Cloth:
     """A problem: grid, material, what acts on it and what is held (bool [rows, columns]).
 
-    ``own_contact``: parts of the cloth keep off each other (``reference_self_contact``).
+    ``own_contact``: parts of the cloth so many cells apart keep off each other (``reference_self_contact``); 0: none.
     """
 
     fabric: FabricParameters
@@ -54,7 +54,7 @@ class Cloth:
     mechanics: Mechanics = field(default_factory=Mechanics)
     panel: bool = True
     friction: Friction | None = None
-    own_contact: bool = False
+    own_contact: int = 0
 
     # -- measures of the grid ------------------------------------------------------------------------------------
 
@@ -353,7 +353,7 @@ class Cloth:
 
     def energy(self, x: Array) -> Any:
         """Total potential energy [J]."""
-        own = own_contact_energy(x, self.hu, self.hv, self.weight()) if self.own_contact else 0.0
+        own = own_contact_energy(x, self.hu, self.hv, self.weight(), self.own_contact) if self.own_contact else 0.0
         contact = self.panel_energy(x) + own
         inner = self.membrane_energy(x) + self.bending_energy(x) + self.curl_energy(x)
         return inner + contact - np.sum(self.force() * x)
@@ -364,7 +364,7 @@ class Cloth:
             self.membrane_gradient(x) + self.bending_gradient(x) + self.curl_gradient(x) + self.panel_gradient(x)
         ) - self.force()
         if self.own_contact:
-            g += own_contact_gradient(x, self.hu, self.hv, self.weight())
+            g += own_contact_gradient(x, self.hu, self.hv, self.weight(), cells=self.own_contact)
         return np.where(self.held[..., None], 0.0, g)
 
     def residual(self, x: Array) -> float:

@@ -65,14 +65,14 @@ def parts(rows: int, columns: int) -> tuple[Array, Array]:
     return np.array(triangles), np.array(sorted(sides))
 
 
-def apart(first: Array, second: Array, columns: int) -> Array:
-    """Whether all vertices of the one are two rows or columns from all of the other; [n, p] and [n, q] to [n]."""
+def apart(first: Array, second: Array, columns: int, cells: int) -> Array:
+    """Whether all vertices of the one are some rows or columns from all of the other; [n, p] and [n, q] to [n]."""
     a, b = first[:, :, None], second[:, None, :]
     steps = np.maximum(np.abs(a // columns - b // columns), np.abs(a % columns - b % columns))
-    return np.all(steps >= CELLS_APART, axis=(1, 2))
+    return np.all(steps >= cells, axis=(1, 2))
 
 
-def near_pairs(first: Array, second: Array, corners: Array, reach: float, columns: int) -> Array:
+def near_pairs(first: Array, second: Array, corners: Array, reach: float, columns: int, cells: int) -> Array:
     """All pairs of parts that are apart on the sample and whose spheres are within reach; int [n, 2]."""
     middles, radii = [], []
     for part in (first, second):
@@ -83,7 +83,7 @@ def near_pairs(first: Array, second: Array, corners: Array, reach: float, column
     for k in range(0, len(first), CHUNK):
         gaps = np.linalg.norm(middles[0][k : k + CHUNK, None] - middles[1][None], axis=2)
         one, two = np.nonzero(gaps < radii[0][k : k + CHUNK, None] + radii[1][None] + reach)
-        keep = apart(first[one + k], second[two], columns)
+        keep = apart(first[one + k], second[two], columns, cells)
         found.append(np.stack([one[keep] + k, two[keep]], axis=1))
     return np.concatenate(found)
 
@@ -148,10 +148,10 @@ def volume(a: Array, b: Array, c: Array, d: Array) -> Array:
     return dot(np.cross(b - a, c - a), d - a)
 
 
-def pierced(points: Array, rows: int, columns: int) -> bool:
-    """Whether a side pierces a triangle two cells from it; points real [rows * columns, 3]."""
+def pierced(points: Array, rows: int, columns: int, cells: int) -> bool:
+    """Whether a side pierces a triangle some cells from it; points real [rows * columns, 3]."""
     triangles, sides = parts(rows, columns)
-    pairs = near_pairs(sides, triangles, points, 0.0, columns)
+    pairs = near_pairs(sides, triangles, points, 0.0, columns, cells)
     p, q = (points[sides[pairs[:, 0], k]] for k in range(2))
     a, b, c = (points[triangles[pairs[:, 1], k]] for k in range(3))
     either_side = volume(a, b, c, p) * volume(a, b, c, q) < 0.0
@@ -159,12 +159,12 @@ def pierced(points: Array, rows: int, columns: int) -> bool:
     return bool(np.any(either_side & (np.abs(turns.sum(axis=0)) == 3.0)))
 
 
-def members_near(points: Array, rows: int, columns: int, reach: float) -> tuple[Array, Array]:
+def members_near(points: Array, rows: int, columns: int, reach: float, cells: int) -> tuple[Array, Array]:
     """Vertices of all pairs that may be within reach, (vertex and triangle [n, 4], edge and edge [m, 4])."""
     triangles, sides = parts(rows, columns)
     vertices = np.arange(len(points))[:, None]
-    corner = near_pairs(vertices, triangles, points, reach, columns)
-    edge = near_pairs(sides, sides, points, reach, columns)
+    corner = near_pairs(vertices, triangles, points, reach, columns, cells)
+    edge = near_pairs(sides, sides, points, reach, columns, cells)
     edge = edge[edge[:, 0] < edge[:, 1]]
     return (
         np.concatenate([vertices[corner[:, 0]], triangles[corner[:, 1]]], axis=1),
@@ -172,11 +172,11 @@ def members_near(points: Array, rows: int, columns: int, reach: float) -> tuple[
     )
 
 
-def contacts(x: Array, reach: float, among: tuple[Array, Array] | None = None) -> Contacts:
+def contacts(x: Array, reach: float, among: tuple[Array, Array] | None = None, cells: int = CELLS_APART) -> Contacts:
     """All pairs within reach; ``among``: those of :func:`members_near` where they are known."""
     rows, columns, _ = x.shape
     points = x.reshape(-1, 3)
-    corner, edge = among or members_near(points.real, rows, columns, reach)
+    corner, edge = among or members_near(points.real, rows, columns, reach, cells)
     members = np.concatenate([corner, edge])
     weights = np.concatenate([point_and_triangle(points[corner]), two_edges(points[edge])])
     between = np.sum(weights[..., None] * points[members], axis=1)
@@ -190,22 +190,27 @@ def measures(hu: float, hv: float, weight: float) -> tuple[float, float]:
     return reach, WEIGHTS * weight * reach
 
 
-def own_contact_energy(x: Array, hu: float, hv: float, weight: float) -> Any:
+def own_contact_energy(x: Array, hu: float, hv: float, weight: float, cells: int = CELLS_APART) -> Any:
     """[J]; infinite where the cloth crosses itself."""
     rows, columns, _ = x.shape
-    if pierced(x.reshape(-1, 3).real, rows, columns):
+    if pierced(x.reshape(-1, 3).real, rows, columns, cells):
         return math.inf
     reach, scale = measures(hu, hv, weight)
-    t = length(contacts(x, reach).between) / reach
+    t = length(contacts(x, reach, cells=cells).between) / reach
     return -scale * np.sum((t - 1.0) ** 2 * np.log(t))
 
 
 def own_contact_gradient(
-    x: Array, hu: float, hv: float, weight: float, among: tuple[Array, Array] | None = None
+    x: Array,
+    hu: float,
+    hv: float,
+    weight: float,
+    among: tuple[Array, Array] | None = None,
+    cells: int = CELLS_APART,
 ) -> Array:
     """[N], of held vertices too. Weights need no derivative: a shortest distance is stationary in them."""
     reach, scale = measures(hu, hv, weight)
-    found = contacts(x, reach, among)
+    found = contacts(x, reach, among, cells)
     distance = length(found.between)
     t = distance / reach
     slope = -scale / reach * (2.0 * (t - 1.0) * np.log(t) + (t - 1.0) ** 2 / t)
@@ -215,11 +220,11 @@ def own_contact_gradient(
     return g.reshape(x.shape)
 
 
-def own_contact_stiffness(x: Array, hu: float, hv: float, weight: float) -> sp.csc_array:
+def own_contact_stiffness(x: Array, hu: float, hv: float, weight: float, cells: int = CELLS_APART) -> sp.csc_array:
     """Second derivatives by central differences of the gradient, turning normals and all [N/m], [3 V, 3 V]."""
     rows, columns, _ = x.shape
     step, (reach, _) = 1e-8, measures(hu, hv, weight)
-    among = members_near(x.reshape(-1, 3), rows, columns, reach + 10.0 * step)
+    among = members_near(x.reshape(-1, 3), rows, columns, reach + 10.0 * step, cells)
     entries: list[tuple[Array, Array, Array]] = []
     for vertex in np.unique(contacts(x, reach + 10.0 * step, among).vertices):
         for column in range(3 * vertex, 3 * vertex + 3):
