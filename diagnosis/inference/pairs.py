@@ -108,8 +108,9 @@ def weigh_pairs(
 def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence], ways: Sequence[Sequence[Block]] = ()) -> Pair:
     """Without what the second gains by what the first leaves.
 
-    Not where the first leaves much more in most fabrics than simulators differ by, and both half of it or less: what
-    large changes leave for being simulated less well, no other effect takes away in all fabrics.
+    Not where the first leaves much more in most fabrics than simulators differ by, and both half of it or less, the
+    second at a size that it may have: what large changes leave for being simulated less well, no other effect takes
+    away in all fabrics.
 
     Args:
         pair: as weighed.
@@ -119,7 +120,7 @@ def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence], ways: Sequenc
     first, second = get_effect(pair.first), get_effect(pair.second)
     if not first.moves_cloth or not (second.moves_cloth or second.random_repeats):
         return pair
-    if not second.random_repeats:
+    if not second.random_repeats and is_usual(pair.second, pair.sizes[pair.second]):
         alone = _left_by(ways, {pair.first: evidence[pair.first].size})
         both = _left_by(ways, pair.sizes)
         if alone is not None and both is not None and alone > MUCH and both < HALVED * alone:
@@ -127,6 +128,13 @@ def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence], ways: Sequenc
     gained = max(0.0, evidence[pair.first].log_evidence - evidence["none"].log_evidence)
     own = pair.evidence
     return replace(pair, evidence=replace(own, log_evidence=own.log_evidence - PICKED_UP * gained))
+
+
+def is_usual(name: str, size: Mapping[str, float]) -> bool:
+    """An effect's size, or its vector's length, is no smaller than its prior says."""
+    components = get_effect(name).components
+    length = float(np.linalg.norm([size[key] for key in components]))
+    return length >= min(component.low for component in components.values())
 
 
 def _left_by(ways: Sequence[Sequence[Block]], sizes: Mapping[str, Mapping[str, float]]) -> float | None:

@@ -297,6 +297,30 @@ def test_what_halves_the_much_that_the_first_leaves_is_not_picked_up(
     assert (len(named(blocks).named) == 2) is together
 
 
+def test_what_is_smaller_than_an_effect_ever_is_may_be_picked_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside a tilt of another simulator a corner pulled by 2.4 mm halved what a draft left."""
+    blocks = blocks_of(SIZES)
+    monkeypatch.setattr(pairs_module, "PICKED_UP", 5.0)
+    monkeypatch.setattr(pairs_module, "HALVED", 1.0)
+    monkeypatch.setattr(pairs_module, "is_usual", lambda name, size: False)
+    assert len(named(blocks).named) < 2
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "usual"),
+    [
+        ("corner_pull", {SCALAR: 0.0024}, False),
+        ("corner_pull", {SCALAR: -0.004}, True),
+        ("crease", CREASE, True),
+        ("crease", {**CREASE, SCALAR: -0.4}, False),
+        ("camera_rotation", {"rx": 0.1, "ry": 0.0, "rz": -0.1}, False),
+        ("camera_rotation", {"rx": 0.6, "ry": -0.5, "rz": 0.1}, True),
+    ],
+)
+def test_sizes_that_an_effect_may_have(name: str, size: Mapping[str, float], usual: bool) -> None:
+    assert pairs_module.is_usual(name, size) is usual
+
+
 def test_both_responses_give_what_was_simulated_with_both_on() -> None:
     rng = np.random.default_rng(6)
     rows = {n: (rng.standard_normal((len(nodes(get_effect(n))), 9)), np.zeros((1, 1))) for n in SIZES}
