@@ -13,8 +13,7 @@ import numpy as np
 from diagnosis.afresh.fresh import is_mechanical, moves_camera
 from diagnosis.afresh.further import FURTHER, TRIAL_LOOKS
 from diagnosis.afresh.refinement import CANDIDATES, LOOKS, PICTURE_ROUNDS
-from diagnosis.afresh.second import MOST_SIZES
-from diagnosis.afresh.second import SECONDS as SECOND_EFFECTS
+from diagnosis.afresh.second import MOST_SIZES, SECOND_EFFECTS
 from diagnosis.afresh.together import CANDIDATES as PAIRS
 from diagnosis.afresh.together import ROUNDS as PAIR_ROUNDS
 from diagnosis.atlas_part import AtlasPart

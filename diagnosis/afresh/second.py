@@ -23,7 +23,7 @@ from diagnosis.inference.pairs import Pair
 from diagnosis.workers import ALONE, Workers
 
 Array = NDArray[np.float64]
-SECONDS = 4
+SECOND_EFFECTS = 4
 """So many of the likeliest second effects are simulated."""
 MOST_SIZES = 8
 """At so many sizes at most is each simulated for a capture of each fabric (:func:`over_the_range`, :func:`around`)."""
@@ -81,7 +81,7 @@ def _likeliest(cause: Cause, first: str) -> list[Pair]:
         both = [get_effect(name) for name in (pair.first, pair.second)]
         return first in (pair.first, pair.second) and all(is_mechanical(e) and not e.vector for e in both)
 
-    return sorted(filter(able, cause.tried), key=lambda pair: -pair.evidence.log_evidence)[:SECONDS]
+    return sorted(filter(able, cause.tried), key=lambda pair: -pair.evidence.log_evidence)[:SECOND_EFFECTS]
 
 
 def _nearest(

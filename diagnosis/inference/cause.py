@@ -15,11 +15,11 @@ from diagnosis.groups import NOT_EFFECTS
 from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.inference.evidence import Evidence, Table, tabulate, tabulate_nothing
 from diagnosis.inference.holds import held, holds_of, log_weights, over_holds, tried_with_two
-from diagnosis.inference.larger import larger_than_chance, usual_square
+from diagnosis.inference.larger import larger_than_chance
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.one_fabric import by_more_than_one
-from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, weigh_pairs
+from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, left_by, weigh_pairs
 from diagnosis.inference.something_beside import something_beside
 from diagnosis.inference.subtract import without, without_both
 from diagnosis.inference.unknown import tabulate_unknown, without_repeated
@@ -223,8 +223,7 @@ def name_cause(
 def _left_by(cause: Cause, ways: Sequence[Sequence[Block]]) -> float | None:
     """What the named effects leave in most fabrics, by the way magnets may hold that leaves least."""
     sizes = {name: cause.size(name) for name in cause.named if not get_effect(name).random_repeats}
-    left = [usual_square(without_both(blocks, sizes)) for blocks in ways]
-    return min((square for square in left if square is not None), default=None)
+    return left_by(ways, sizes)
 
 
 def _said(

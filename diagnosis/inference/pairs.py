@@ -121,8 +121,8 @@ def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence], ways: Sequenc
     if not first.moves_cloth or not (second.moves_cloth or second.random_repeats):
         return pair
     if not second.random_repeats and is_usual(pair.second, pair.sizes[pair.second]):
-        alone = _left_by(ways, {pair.first: evidence[pair.first].size})
-        both = _left_by(ways, pair.sizes)
+        alone = left_by(ways, {pair.first: evidence[pair.first].size})
+        both = left_by(ways, pair.sizes)
         if alone is not None and both is not None and alone > MUCH and both < HALVED * alone:
             return pair
     gained = max(0.0, evidence[pair.first].log_evidence - evidence["none"].log_evidence)
@@ -137,8 +137,16 @@ def is_usual(name: str, size: Mapping[str, float]) -> bool:
     return length >= min(component.low for component in components.values())
 
 
-def _left_by(ways: Sequence[Sequence[Block]], sizes: Mapping[str, Mapping[str, float]]) -> float | None:
-    """What effects of these sizes leave in most fabrics; None where too few were seen."""
+def left_by(ways: Sequence[Sequence[Block]], sizes: Mapping[str, Mapping[str, float]]) -> float | None:
+    """What effects of these sizes leave in most fabrics, by the way magnets may hold that leaves least.
+
+    Args:
+        ways: blocks, one way or several in which magnets may hold.
+        sizes: of one effect or two, by name; of none, what there is.
+
+    Returns:
+        As :func:`diagnosis.inference.larger.usual_square`; None where too few fabrics were seen.
+    """
     squares = [usual_square(without_both(blocks, sizes)) for blocks in ways]
     return min((square for square in squares if square is not None), default=None)
 

@@ -101,7 +101,7 @@ def test_the_size_at_which_captures_are_nearest_is_simulated_with_the_first(
     step = (own.high / own.low) ** 0.25
     assert simulated["panel_adhesion"] == pytest.approx([own.low, middle, own.high, middle / step, middle * step])
     assert pair.sizes["panel_adhesion"][SCALAR] == pytest.approx(middle * step)  # 3.06 Pa
-    assert set(simulated) == set(SECONDS[: second.SECONDS])  # neither what scatters nor what moves no cloth
+    assert set(simulated) == set(SECONDS[: second.SECOND_EFFECTS])  # neither what scatters nor what moves no cloth
     assert len(simulated["crease"]) == 8 and len(simulated["pin_drop"]) in (3, 6)  # of both signs; no more, no nearer
 
 
