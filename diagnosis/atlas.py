@@ -12,6 +12,7 @@ import numpy as np
 
 from diagnosis.afresh.fresh import is_mechanical, moves_camera
 from diagnosis.afresh.further import FURTHER, TRIAL_LOOKS
+from diagnosis.afresh.moved_pin import MOST_TRIALS
 from diagnosis.afresh.refinement import CANDIDATES, LOOKS, PICTURE_ROUNDS
 from diagnosis.afresh.second import MOST_SIZES, SECOND_EFFECTS
 from diagnosis.afresh.together import CANDIDATES as PAIRS
@@ -150,7 +151,7 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)
-            tried = FURTHER + SECOND_EFFECTS * MOST_SIZES if name == "stretch" else 0
+            tried = FURTHER + SECOND_EFFECTS * MOST_SIZES + MOST_TRIALS if name == "stretch" else 0
             missed, again = (len(FURTHER_SEEDS), STARTS[name]) if name == "stretch" else (0, 0)
             most += (bases + missed, len(own) * (one + beside) + tried, len(own) * (1 + further + again) + missed)
     each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])

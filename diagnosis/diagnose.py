@@ -12,6 +12,7 @@ from diagnosis.afresh.beside import look_beside
 from diagnosis.afresh.fresh import FreshLook, Sized
 from diagnosis.afresh.further import look_further
 from diagnosis.afresh.grip import Grip, judge_grip, with_other_grip
+from diagnosis.afresh.moved_pin import outdone_by_a_pin
 from diagnosis.afresh.once import once
 from diagnosis.afresh.probing import look_probed
 from diagnosis.afresh.refinement import look_again
@@ -215,6 +216,8 @@ class _Conclusion:
             looks = look_probed(looks, weigh, name, scene, self.workers)
             results = [look.result for look in looks.values()]
         cause = name(results)
+        if len(looks) > 1 and outdone_by_a_pin(looks, cause, self.effects, scene, self.workers):
+            cause = cause.outdone()
         noise = cause.errors
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
         close = _all_alike(noise)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from diagnosis.afresh.fresh import FreshLook, Sized
 from diagnosis.measurement.picture import state_distance
+from diagnosis.scene import SimulationScene
+from diagnosis.simulation.simulator import KeyedDrape
 from diagnosis.tasks.fabric_task import CaptureResult
 from diagnosis.workers import ALONE, Workers
 
@@ -51,29 +53,31 @@ def most(trial: Array, before: Array) -> float:
 def _squares(look: FreshLook, trials: Sequence[Sequence[Sized]], scene: str) -> Array:
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
 
-    capture = _first_capture(look, scene)
+    capture = first_capture(look, scene)
     if capture is None:
         return np.full(len(trials), math.inf)
+    with threadpool_limits(1):
+        return np.array([square(look, capture, look.drape(capture, on[:-1]), look.seen(capture, on)) for on in trials])
+
+
+def square(look: FreshLook, capture: CaptureResult, start: KeyedDrape, changed: SimulationScene) -> float:
+    """Square distance of a capture from what a state turns into in a changed scene [m²]; infinite where not at rest."""
     task = look.result.task
     depth = next(c.depth for c in task.captures if c.id == capture.id)
-    found = []
-    with threadpool_limits(1):
-        for effects in trials:
-            changed = look.seen(capture, effects)
-            state = look.simulator.proceed(look.drape(capture, effects[:-1]), task.parameters, changed)
-            found.append(state_distance(depth, state.drape, changed) ** 2 if state.drape.ok else math.inf)
-    return np.array(found)
+    state = look.simulator.proceed(start, task.parameters, changed)
+    return state_distance(depth, state.drape, changed) ** 2 if state.drape.ok else math.inf
 
 
 def _known_square(look: FreshLook, effects: Sequence[Sized], scene: str) -> float:
     from threadpoolctl import threadpool_limits
 
-    capture = _first_capture(look, scene)
+    capture = first_capture(look, scene)
     if capture is None:
         return math.inf
     with threadpool_limits(1):
         return look.distance(capture, effects) ** 2 if look.drape(capture, effects).drape.ok else math.inf
 
 
-def _first_capture(look: FreshLook, scene: str) -> CaptureResult | None:
+def first_capture(look: FreshLook, scene: str) -> CaptureResult | None:
+    """A fabric's first of a scene."""
     return next((c for c in look.result.captures if c.scene == scene), None)

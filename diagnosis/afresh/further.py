@@ -10,14 +10,14 @@ from diagnosis.afresh.once import Weigh as Name
 from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Search, Weigh, leader
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
-from diagnosis.inference.larger import MUCH, PLAIN
+from diagnosis.inference.larger import MUCH
 from diagnosis.workers import ALONE, Workers
 
 FURTHER = 6
 """So many effects on the cloth are simulated on trial."""
-AS_NEAR = 3.0
-"""Beside one that is named, others are simulated on trial where most fabrics' square distances are below this times
-those with it, when they simply come on: folds that captures lead to are nearer."""
+AS_NEAR, MOST_AS_NEAR = 3.0, 3
+"""Beside one that is named, the nearest others are simulated on trial, so many at most, where most fabrics' square
+distances are below this times those with it, when they simply come on: folds that captures lead to are nearer."""
 TRIAL_LOOKS = FURTHER + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
 """Simulations of effects for a capture, at most: on trial, and in rounds where that shows more."""
 
@@ -64,24 +64,22 @@ def look_further(
 def _as_near(
     looks: Mapping[str, FreshLook], named: Sized, others: list[Sized], scene: str, workers: Workers
 ) -> list[Sized]:
-    """Of other effects those that bring most fabrics about as near to their captures as the named one, all of them
-    simply coming on.
+    """Of other effects the nearest that bring most fabrics about as near to their captures as the named one, all of
+    them simply coming on; the nearest first.
     """
     others = [other for other in others if other[0] != named[0]]
     own, *rest = squares(looks, [(named,), *((other,) for other in others)], scene, workers)
-    return [other for other, found in zip(others, rest, strict=True) if most(found, own) < AS_NEAR]
+    near = sorted(zip([most(found, own) for found in rest], range(len(others)), strict=True))
+    return [others[number] for left, number in near[:MOST_AS_NEAR] if left < AS_NEAR]
 
 
 def leaves_much(cause: Cause) -> bool:
     """Something unknown is the answer, or what is named leaves more in most fabrics than simulators differ by.
 
-    What camera and sensor change is known well; what an effect on the cloth leaves may be its own, simulated less well,
-    or that of another one that only comes near it, and is looked into earlier.
+    What an effect on the cloth leaves may be its own, simulated less well, or that of another one that only comes near
+    it.
     """
-    if cause.top == "unknown":
-        return True
-    cloth = any(get_effect(name).moves_cloth for name in cause.named)
-    return bool(cause.named) and cause.left is not None and cause.left > (MUCH if cloth else PLAIN)
+    return cause.top == "unknown" or (bool(cause.named) and cause.left is not None and cause.left > MUCH)
 
 
 def on_the_cloth(cause: Cause) -> list[Sized]:

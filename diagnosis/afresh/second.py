@@ -23,7 +23,7 @@ from diagnosis.inference.pairs import Pair
 from diagnosis.workers import ALONE, Workers
 
 Array = NDArray[np.float64]
-SECOND_EFFECTS = 4
+SECOND_EFFECTS = 2
 """So many of the likeliest second effects are simulated."""
 MOST_SIZES = 8
 """At so many sizes at most is each simulated for a capture of each fabric (:func:`over_the_range`, :func:`around`)."""

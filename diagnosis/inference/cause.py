@@ -135,6 +135,22 @@ class Cause:
         odds = DOUBTED * self.pair_probability
         return self._with_pairs(odds / (odds + 1.0 - self.pair_probability))
 
+    def outdone(self) -> Cause:
+        """With little probability left for any effect: something outside the catalogue gets what they lose."""
+
+        def kept(probabilities: Mapping[str, float]) -> dict[str, float]:
+            return {n: p if n in NOT_EFFECTS else REFUTED * p for n, p in probabilities.items()}
+
+        changed, alone = kept(self.probabilities), kept(self.alone)
+        lost = 1.0 - sum(changed.values())
+        pairs = REFUTED * self.pair_probability
+        return replace(
+            self,
+            probabilities=changed | {"unknown": changed["unknown"] + lost},
+            pair_probability=pairs,
+            alone=alone | {"unknown": alone["unknown"] + lost},
+        )
+
     def _with_pairs(self, left: float) -> Cause:
         """With this probability for all pairs; explanations by one share the rest as they stand."""
         single = {name: p + 1e-300 for name, p in self.alone.items()}

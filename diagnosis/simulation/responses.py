@@ -186,7 +186,7 @@ def _key(what: str, state: KeyedDrape, scene: SimulationScene) -> str:
 def _effect_key(effect: Effect, state: KeyedDrape, scene: SimulationScene) -> str:
     changed = [effect.apply(scene, size) for size in nodes(effect)]
     measured = {"pixels": PIXELS_VERSION} if effect.stage is Stage.SENSOR else {}
-    cells = {"fine": True} if effect.fine else {}
+    cells = {"fine": True} if effect.fine or effect.stage is Stage.CAMERA else {}
     return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed, **measured, **cells)
 
 
@@ -240,6 +240,13 @@ class _Look:
             drape = self.simulator.proceed(self.origin, fabric, scene)
         return clean(self.vector(drape, scene) - self.base)
 
+    def seen_by(self, scene: SimulationScene) -> Array:
+        """Change of the vector when another camera sees the state itself, in all its pixels: nothing must be solved.
+
+        What a moved camera changes is less than what coarse cells and half the pixels do at folds and edges.
+        """
+        return clean(measure(picture_of(self.state.drape, scene), self.reference, with_pixels=False).vector())
+
     def common(self) -> dict[str, Array]:
         """Parameters, pins and mesh."""
         parameters = [self.change(_stepped(self.fabric, k), self.scene) / PARAMETER_STEP for k in range(7)]
@@ -291,6 +298,8 @@ class _Look:
                 )
             elif changed == self.scene:
                 rows[number] = (np.zeros(len(self.base)), still)
+            elif effect.stage is Stage.CAMERA:
+                rows[number] = (self.seen_by(changed), still)
             elif number not in plan:
                 look = self.on_fine_cells if effect.fine else self
                 rows[number] = (look.change(self.fabric, changed), still)

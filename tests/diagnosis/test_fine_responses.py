@@ -5,14 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.effect import SCALAR
+from diagnosis.effect import SCALAR, Stage
 from diagnosis.effects import catalogue, get_effect
+from diagnosis.measurement.features import measure
 from diagnosis.measurement.picture import picture_of
 from diagnosis.measurement.reference import make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation import responses
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.simulation.responses import find_responses
+from diagnosis.simulation.responses import clean, find_responses
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.sizes import nodes
 from diagnosis.tasks.fabric_task import BASE_JITTER
@@ -54,3 +55,23 @@ def test_fine_responses_go_on_from_the_state_itself(
     strengths = [size[SCALAR] ** -2.0 for size in nodes(get_effect("stretch_stiffening"))]
     moved = np.sqrt(np.nanmean(rows**2, axis=1))
     assert (np.argsort(moved) == np.argsort(strengths)).all()
+
+
+def test_what_a_moved_camera_sees_is_rendered_from_the_state_itself_in_all_pixels(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Coarse cells and half the pixels change more at folds and edges than a camera does that stands 6 mm aside."""
+    simulator = Simulator(DrapeCache(tmp_path_factory.mktemp("drapes")))
+    fabric, mesh = FabricParameters(300.0, 200.0, 100.0, 1e-6, 1e-6, 1e-6, 0.1), GridMesh(0.0125)
+    scene = SimulationScene(Setup.nominal("hanging"))
+    state = simulator.put_up(mesh, fabric, scene, 0, BASE_JITTER)
+    reference = make_reference(state.drape, scene)
+    solved = simulator.cost.simulations
+    cameras = [name for name, effect in catalogue().items() if effect.stage is Stage.CAMERA]
+    found = find_responses(simulator, fabric, scene, state, cameras, picture_of(state.drape, scene), reference)
+    without = find_responses(simulator, fabric, scene, state, [], picture_of(state.drape, scene), reference)
+    assert (found.parameters == without.parameters).all() and simulator.cost.simulations > solved
+    for name in cameras:
+        for size, row in zip(nodes(get_effect(name)), found.effects[name][0], strict=True):
+            seen = measure(picture_of(state.drape, get_effect(name).apply(scene, size)), reference, with_pixels=False)
+            np.testing.assert_allclose(row, clean(seen.vector()), atol=1e-6)

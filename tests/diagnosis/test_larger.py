@@ -64,10 +64,10 @@ def test_a_square_is_told_in_units_of_the_usual_errors() -> None:
 
 def test_odds_rise_from_calm_to_plain_and_no_further() -> None:
     assert larger_nats(0.0) == larger_nats(0.5) == CALM_NATS
-    odds = [larger_nats(square) for square in (0.6, 0.7, 0.9, 1.1, 1.3)]
+    odds = [larger_nats(square) for square in (0.8, 1.0, 1.3, 1.7, 2.1)]
     assert odds == sorted(odds) and odds[0] < 0.0 < odds[-1]
-    assert larger_nats(0.68) < -2.0 and larger_nats(0.88) < 0.0  # the most where nothing is, decision 025
-    assert larger_nats(1.4) == larger_nats(50.0) == pytest.approx(PLAIN_NATS)
+    assert larger_nats(0.88) < -3.0 and larger_nats(1.25) < 0.0  # the most where nothing is, decision 032
+    assert larger_nats(2.3) == larger_nats(50.0) == pytest.approx(PLAIN_NATS)
 
 
 def test_one_fabric_of_several_says_nothing() -> None:
@@ -88,7 +88,7 @@ def test_the_way_magnets_hold_that_leaves_least_counts() -> None:
 
 
 def test_what_an_effect_explains_is_nothing_larger() -> None:
-    large, calm = fabrics([1.4] * 4), fabrics([0.2] * 4)
+    large, calm = fabrics([2.4] * 4), fabrics([0.2] * 4)
     assert larger_than_chance([large], []) == PLAIN_NATS
     assert larger_than_chance([large], [(9.0, large)]) == PLAIN_NATS  # it leaves as much
     assert larger_than_chance([large], [(0.5, calm)]) == PLAIN_NATS  # it gains too little
@@ -99,7 +99,7 @@ def test_what_an_effect_explains_is_nothing_larger() -> None:
 def test_fabrics_that_all_differ_in_ways_of_their_own_are_unknown() -> None:
     assert named(fabrics([0.2] * 4)).probabilities["none"] > 0.9
     assert named(fabrics([0.2, 0.2, 0.2, 4.0])).top == "none"
-    large = named(fabrics([1.4] * 4))
+    large = named(fabrics([2.4] * 4))
     assert large.top == "unknown" and large.probabilities["none"] < 0.3
 
 

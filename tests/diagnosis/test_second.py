@@ -93,6 +93,7 @@ def looked(monkeypatch: pytest.MonkeyPatch, before: Cause, after: Cause) -> tupl
 def test_the_size_at_which_captures_are_nearest_is_simulated_with_the_first(
     monkeypatch: pytest.MonkeyPatch, simulated: dict[str, list[float]]
 ) -> None:
+    monkeypatch.setattr(second, "SECOND_EFFECTS", 3)
     together, kept = looked(monkeypatch, cause_of("air_draft"), cause_of("air_draft", "panel_adhesion"))
     (pair,) = together  # a crease brings fabrics nearer, but not much
     assert (pair.first, pair.second) == ("air_draft", "panel_adhesion") and kept

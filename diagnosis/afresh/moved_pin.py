@@ -1,0 +1,142 @@
+"""One pin put elsewhere on trial: it may do better than what is named, and no effect moves it so.
+
+A magnet that pulls less lets the cloth fall slack: no response to a small move of it says how. How far captures are
+from the simulation with it moved does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.afresh.by_distance import first_capture, known_squares, most, square
+from diagnosis.afresh.fresh import FreshLook
+from diagnosis.effect import Stage
+from diagnosis.effects import get_effect
+from diagnosis.inference.cause import Cause
+from diagnosis.inference.larger import MUCH
+from diagnosis.scene import SimulationScene
+from diagnosis.simulation.sizes import nodes
+from diagnosis.workers import ALONE, Workers
+
+Array = NDArray[np.float64]
+SCREENED, SCREEN_M = 2, 0.006
+"""So many fabrics are simulated with each pin moved so far in each direction."""
+DIRECTIONS = 8
+LIKELIEST, SIZES_M = 3, (0.004, 0.006, 0.008)
+"""So many of these moves are simulated for all fabrics, at each of these lengths."""
+MOST_TRIALS = 3 * DIRECTIONS + LIKELIEST * len(SIZES_M)
+"""Simulations of a fabric whose cloth hangs on three pins, at most."""
+OUTDONE = 0.9
+"""Of most fabrics' square distances with what is named, a moved pin leaves less than this share."""
+OTHER_WAY = math.cos(math.radians(67.5))
+"""A move at a smaller angle to an effect's move of the same pin is the effect's, not one of its own."""
+
+
+class Move(NamedTuple):
+    """Of one pin in the panel's plane [m]."""
+
+    pin: str
+    x: float
+    y: float
+
+
+def outdone_by_a_pin(
+    looks: Mapping[str, FreshLook], cause: Cause, effects: Sequence[str], scene: str, workers: Workers = ALONE
+) -> bool:
+    """Whether one pin moved as no effect moves it brings most fabrics nearer than what is named.
+
+    Looked into where the set-up or the camera is named, which moved pins are taken for, or where much is left.
+
+    Args:
+        looks: by fabric, when all else has been looked at.
+        cause: the answer.
+        effects: of the catalogue, that were tried.
+        scene: whose captures are looked at.
+        workers: that simulate fabrics side by side.
+    """
+    if not may_be_a_pin(cause):
+        return False
+    own = known_squares(looks, cause.sized_as(cause.named), scene, workers)
+    setup = _scene_of(looks, scene)
+    if setup is None or not np.isfinite(own).any():
+        return False
+    turns = [2.0 * math.pi * number / DIRECTIONS for number in range(DIRECTIONS)]
+    moves = [
+        Move(pin, SCREEN_M * math.cos(turn), SCREEN_M * math.sin(turn))
+        for pin, turn in product(setup.setup.pins_m, turns)
+    ]
+    few = dict(list(looks.items())[:SCREENED])
+    screened = [most(left, own[: len(few)]) for left in _squares(few, moves, scene, workers)]
+    likeliest = sorted(zip(screened, moves, strict=True))[:LIKELIEST]
+    trials = [_resized(move, size) for _, move in likeliest for size in SIZES_M]
+    left, best = min(zip((most(s, own) for s in _squares(looks, trials, scene, workers)), trials, strict=True))
+    return left < OUTDONE and not _is_an_effects(best, _moves_of(effects, setup))
+
+
+def may_be_a_pin(cause: Cause) -> bool:
+    """Set-up or camera are named, or what is named leaves much; repeats that scatter are not simulated."""
+    named = [get_effect(name) for name in cause.named]
+    if not named or any(effect.random_repeats for effect in named):
+        return False
+    much = cause.left is not None and cause.left > MUCH
+    return much or any(effect.stage in (Stage.SETUP, Stage.CAMERA) for effect in named)
+
+
+def _scene_of(looks: Mapping[str, FreshLook], scene: str) -> SimulationScene | None:
+    look = next(iter(looks.values()))
+    capture = first_capture(look, scene)
+    return None if capture is None else look.scene_of(capture)
+
+
+def _squares(looks: Mapping[str, FreshLook], moves: Sequence[Move], scene: str, workers: Workers) -> Array:
+    """Square distances of each fabric's first capture with each move [m²], [moves, fabrics]."""
+    work = partial(_squares_of_one, moves=moves, scene=scene)
+    return np.stack(workers.map(work, list(looks.values())), axis=1)
+
+
+def _squares_of_one(look: FreshLook, moves: Sequence[Move], scene: str) -> Array:
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
+
+    capture = first_capture(look, scene)
+    if capture is None:
+        return np.full(len(moves), math.inf)
+    stated = look.scene_of(capture)
+    with threadpool_limits(1):
+        return np.array([square(look, capture, capture.base, moved(stated, move)) for move in moves])
+
+
+def moved(scene: SimulationScene, move: Move) -> SimulationScene:
+    """With one pin elsewhere."""
+    x, y, z = scene.setup.pins_m[move.pin]
+    return scene.with_setup(scene.setup.with_pins(**{move.pin: (x + move.x, y + move.y, z)}))
+
+
+def _resized(move: Move, size: float) -> Move:
+    length = math.hypot(move.x, move.y)
+    return Move(move.pin, move.x * size / length, move.y * size / length)
+
+
+def _moves_of(effects: Sequence[str], scene: SimulationScene) -> list[Move]:
+    """How effects on the set-up move each pin."""
+    found = []
+    for effect in map(get_effect, effects):
+        for size in nodes(effect) if effect.stage is Stage.SETUP else []:
+            for pin, place in effect.apply(scene, size).setup.pins_m.items():
+                x, y, _ = np.subtract(place, scene.setup.pins_m[pin])
+                if math.hypot(x, y) > 0.0:
+                    found.append(Move(pin, float(x), float(y)))
+    return found
+
+
+def _is_an_effects(move: Move, known: Sequence[Move]) -> bool:
+    def along(other: Move) -> float:
+        return (move.x * other.x + move.y * other.y) / math.hypot(move.x, move.y) / math.hypot(other.x, other.y)
+
+    return any(other.pin == move.pin and along(other) > OTHER_WAY for other in known)
