@@ -52,7 +52,8 @@ def outdone_by_a_pin(
 ) -> bool:
     """Whether one pin moved as no effect moves it brings most fabrics nearer than what is named.
 
-    Looked into where the set-up or the camera is named, which moved pins are taken for, or where much is left.
+    Looked into where the set-up or the camera is named, which moved pins are taken for, or where much is left. Not in
+    ``hanging``: there any move may lead to nearer folds.
 
     Args:
         looks: by fabric, when all else has been looked at.
@@ -61,7 +62,7 @@ def outdone_by_a_pin(
         scene: whose captures are looked at.
         workers: that simulate fabrics side by side.
     """
-    if not may_be_a_pin(cause):
+    if scene != "stretch" or not may_be_a_pin(cause):
         return False
     own = known_squares(looks, cause.sized_as(cause.named), scene, workers)
     setup = _scene_of(looks, scene)

@@ -111,6 +111,12 @@ def test_nothing_is_simulated_where_nothing_of_the_kind_is_named(monkeypatch: py
     assert judged(monkeypatch, {Move("top_left", 0.0, 0.006): 0.1}, ALL, cause_of("hem_weight")) == (False, [])
 
 
+def test_in_hanging_no_pin_is_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folds fall elsewhere there, whatever moves."""
+    monkeypatch.setattr(moved_pin, "known_squares", lambda *_: pytest.fail("simulated"))
+    assert not outdone_by_a_pin({}, cause_of("pin_drop"), WITHOUT_PULL, "hanging")
+
+
 def test_what_is_outdone_leaves_something_unknown() -> None:
     cause = cause_of("pin_drop")
     found = cause.outdone()
@@ -132,4 +138,3 @@ def test_a_corner_pulled_less_is_found_by_simulation(tmp_path_factory: pytest.Te
     cause = cause_of("pin_drop")
     assert outdone_by_a_pin(looks, cause, WITHOUT_PULL, "stretch")
     assert not outdone_by_a_pin(looks, cause, ALL, "stretch")
-    assert not outdone_by_a_pin(looks, cause, WITHOUT_PULL, "hanging")
