@@ -13,7 +13,7 @@ from diagnosis.afresh.fresh import FreshLook, Sized
 from diagnosis.afresh.further import look_further
 from diagnosis.afresh.grip import Grip, judge_grip, with_other_grip
 from diagnosis.afresh.moved_pin import outdone_by_a_pin
-from diagnosis.afresh.once import once
+from diagnosis.afresh.once import Weigh, once
 from diagnosis.afresh.probing import look_probed
 from diagnosis.afresh.refinement import look_again
 from diagnosis.afresh.second import look_for_second
@@ -201,23 +201,15 @@ class _Conclusion:
         """The whole report; ``spent``: what was simulated for it with magnets that turned out to hold otherwise."""
         noise = replace(self.noise, pin_m=pin_scatter([c for r in results for c in r.captures], self.noise))
         name = once(partial(self.name, noise=noise))
+        pin = False
         if len(looks) > 1:  # with one fabric a wrong parameter and an effect look alike: no closer look helps
             scene = "stretch" if any(c.scene == "stretch" for r in results for c in r.captures) else "hanging"
-            weigh = partial(self.weigh, noise=noise)
-            looks = look_again(looks, weigh, scene, self.workers)
-            looks = look_further(looks, weigh, name, scene, self.workers)
-            likely = name([look.result for look in looks.values()])
-            held = judge_grip(looks, likely, self.workers) if spent is None else None
+            looks, held = self._looked_at(looks, name, scene, noise, grip=spent is None)
             if held is not None and held.otherwise:
                 return self._held_otherwise(held, looks, assumed, began, lpips)
-            looks = look_beside(looks, likely, scene, self.workers)
-            looks = look_together(looks, name, scene, self.workers)
-            looks = look_for_second(looks, name, scene, self.workers)
-            looks = look_probed(looks, weigh, name, scene, self.workers)
             results = [look.result for look in looks.values()]
-        cause = name(results)
-        if len(looks) > 1 and outdone_by_a_pin(looks, cause, self.effects, scene, self.workers):
-            cause = cause.outdone()
+            pin = outdone_by_a_pin(looks, name(results), self.effects, scene, self.workers)
+        cause = name(results).outdone() if pin else name(results)
         noise = cause.errors
         blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
         close = _all_alike(noise)
@@ -254,6 +246,22 @@ class _Conclusion:
         )
         left_out = () if measured is None else measured.held
         return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, left_out, looks)
+
+    def _looked_at(
+        self, looks: dict[str, FreshLook], name: Weigh, scene: str, noise: NoiseModel, *, grip: bool
+    ) -> tuple[dict[str, FreshLook], Grip | None]:
+        """Fabrics as closer looks leave them, cut short where magnets hold otherwise; how they do, if ``grip`` asks."""
+        weigh = partial(self.weigh, noise=noise)
+        looks = look_again(looks, weigh, scene, self.workers)
+        looks = look_further(looks, weigh, name, scene, self.workers)
+        likely = name([look.result for look in looks.values()])
+        held = judge_grip(looks, likely, self.workers) if grip else None
+        if held is not None and held.otherwise:
+            return looks, held
+        looks = look_beside(looks, likely, scene, self.workers)
+        looks = look_together(looks, name, scene, self.workers)
+        looks = look_for_second(looks, name, scene, self.workers)
+        return look_probed(looks, weigh, name, scene, self.workers), held
 
     def _held_otherwise(
         self, held: Grip, looks: dict[str, FreshLook], assumed: tuple[str, ...], began: float | None, lpips: bool
