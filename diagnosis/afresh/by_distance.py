@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,8 @@ from diagnosis.tasks.fabric_task import CaptureResult
 from diagnosis.workers import ALONE, Workers
 
 Array = NDArray[np.float64]
+Start = Callable[[FreshLook, CaptureResult], tuple[KeyedDrape, SimulationScene]]
+"""The state from which a simulation of a capture goes on, and the scene in which it does."""
 
 
 def squares(
@@ -33,7 +35,21 @@ def squares(
     Returns:
         Infinite where the cloth does not come to rest or a fabric has no such capture.
     """
-    work = partial(_squares, trials=trials, scene=scene)
+    return squares_from(looks, [partial(_come_on, effects=effects) for effects in trials], scene, workers)
+
+
+def squares_from(
+    looks: Mapping[str, FreshLook], starts: Sequence[Start], scene: str, workers: Workers = ALONE
+) -> Array:
+    """The same from what states turn into in other scenes [m²], [starts, fabrics].
+
+    Args:
+        looks: by fabric.
+        starts: see :data:`Start`; what runs in another process must be picklable.
+        scene: whose captures.
+        workers: that simulate fabrics side by side.
+    """
+    work = partial(_squares, starts=starts, scene=scene)
     return np.stack(workers.map(work, list(looks.values())), axis=1)
 
 
@@ -50,22 +66,25 @@ def most(trial: Array, before: Array) -> float:
     return float(np.quantile(trial[known] / before[known], 0.5, method="higher")) if known.any() else math.inf
 
 
-def _squares(look: FreshLook, trials: Sequence[Sequence[Sized]], scene: str) -> Array:
+def _come_on(look: FreshLook, capture: CaptureResult, effects: Sequence[Sized]) -> tuple[KeyedDrape, SimulationScene]:
+    return look.drape(capture, effects[:-1]), look.seen(capture, effects)
+
+
+def _squares(look: FreshLook, starts: Sequence[Start], scene: str) -> Array:
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
 
     capture = first_capture(look, scene)
     if capture is None:
-        return np.full(len(trials), math.inf)
-    with threadpool_limits(1):
-        return np.array([square(look, capture, look.drape(capture, on[:-1]), look.seen(capture, on)) for on in trials])
-
-
-def square(look: FreshLook, capture: CaptureResult, start: KeyedDrape, changed: SimulationScene) -> float:
-    """Square distance of a capture from what a state turns into in a changed scene [m²]; infinite where not at rest."""
+        return np.full(len(starts), math.inf)
     task = look.result.task
     depth = next(c.depth for c in task.captures if c.id == capture.id)
-    state = look.simulator.proceed(start, task.parameters, changed)
-    return state_distance(depth, state.drape, changed) ** 2 if state.drape.ok else math.inf
+    found = []
+    with threadpool_limits(1):
+        for start in starts:
+            state, changed = start(look, capture)
+            reached = look.simulator.proceed(state, task.parameters, changed)
+            found.append(state_distance(depth, reached.drape, changed) ** 2 if reached.drape.ok else math.inf)
+    return np.array(found)
 
 
 def _known_square(look: FreshLook, effects: Sequence[Sized], scene: str) -> float:
@@ -79,5 +98,5 @@ def _known_square(look: FreshLook, effects: Sequence[Sized], scene: str) -> floa
 
 
 def first_capture(look: FreshLook, scene: str) -> CaptureResult | None:
-    """A fabric's first of a scene."""
+    """A fabric's first of a scene; None where it has none."""
     return next((c for c in look.result.captures if c.scene == scene), None)

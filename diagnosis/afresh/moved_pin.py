@@ -13,19 +13,19 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from diagnosis.afresh.by_distance import first_capture, known_squares, most, square
+from diagnosis.afresh.by_distance import first_capture, known_squares, most, squares_from
 from diagnosis.afresh.fresh import FreshLook
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.larger import MUCH
 from diagnosis.scene import SimulationScene
+from diagnosis.simulation.simulator import KeyedDrape
 from diagnosis.simulation.sizes import nodes
+from diagnosis.tasks.fabric_task import CaptureResult
 from diagnosis.workers import ALONE, Workers
 
-Array = NDArray[np.float64]
 SCREENED, SCREEN_M = 2, 0.006
 """So many fabrics are simulated with each pin moved so far in each direction."""
 DIRECTIONS = 8
@@ -53,7 +53,7 @@ def outdone_by_a_pin(
     """Whether one pin moved as no effect moves it brings most fabrics nearer than what is named.
 
     Looked into where the set-up or the camera is named, which moved pins are taken for, or where much is left. Not in
-    ``hanging``: there any move may lead to nearer folds.
+    ``hanging``: there any move may lead to nearer folds. Two fabrics at least must have been seen.
 
     Args:
         looks: by fabric, when all else has been looked at.
@@ -64,21 +64,20 @@ def outdone_by_a_pin(
     """
     if scene != "stretch" or not may_be_a_pin(cause):
         return False
-    own = known_squares(looks, cause.sized_as(cause.named), scene, workers)
-    setup = _scene_of(looks, scene)
-    if setup is None or not np.isfinite(own).any():
+    captures = {key: capture for key, look in looks.items() if (capture := first_capture(look, scene)) is not None}
+    if len(captures) < 2:  # one fabric's own error may look like anything
         return False
-    turns = [2.0 * math.pi * number / DIRECTIONS for number in range(DIRECTIONS)]
-    moves = [
-        Move(pin, SCREEN_M * math.cos(turn), SCREEN_M * math.sin(turn))
-        for pin, turn in product(setup.setup.pins_m, turns)
-    ]
-    few = dict(list(looks.items())[:SCREENED])
-    screened = [most(left, own[: len(few)]) for left in _squares(few, moves, scene, workers)]
-    likeliest = sorted(zip(screened, moves, strict=True))[:LIKELIEST]
-    trials = [_resized(move, size) for _, move in likeliest for size in SIZES_M]
-    left, best = min(zip((most(s, own) for s in _squares(looks, trials, scene, workers)), trials, strict=True))
-    return left < OUTDONE and not _is_an_effects(best, _moves_of(effects, setup))
+    able = {key: looks[key] for key in captures}
+    own = known_squares(able, cause.sized_as(cause.named), scene, workers)
+    stated = next(able[key].scene_of(capture) for key, capture in captures.items())
+
+    def left(fabrics: Mapping[str, FreshLook], moves: Sequence[Move]) -> list[tuple[float, Move]]:
+        found = squares_from(fabrics, [partial(_with_moved, move=move) for move in moves], scene, workers)
+        return sorted((most(each, own[: len(fabrics)]), move) for each, move in zip(found, moves, strict=True))
+
+    screened = left(dict(list(able.items())[:SCREENED]), screening(stated))
+    share, best = left(able, [_resized(move, size) for _, move in screened[:LIKELIEST] for size in SIZES_M])[0]
+    return share < OUTDONE and not _is_an_effects(best, _moves_of(effects, stated))
 
 
 def may_be_a_pin(cause: Cause) -> bool:
@@ -90,27 +89,17 @@ def may_be_a_pin(cause: Cause) -> bool:
     return much or any(effect.stage in (Stage.SETUP, Stage.CAMERA) for effect in named)
 
 
-def _scene_of(looks: Mapping[str, FreshLook], scene: str) -> SimulationScene | None:
-    look = next(iter(looks.values()))
-    capture = first_capture(look, scene)
-    return None if capture is None else look.scene_of(capture)
+def screening(scene: SimulationScene) -> list[Move]:
+    """Each pin put elsewhere in each direction."""
+    turns = [2.0 * math.pi * number / DIRECTIONS for number in range(DIRECTIONS)]
+    return [
+        Move(pin, SCREEN_M * math.cos(turn), SCREEN_M * math.sin(turn))
+        for pin, turn in product(scene.setup.pins_m, turns)
+    ]
 
 
-def _squares(looks: Mapping[str, FreshLook], moves: Sequence[Move], scene: str, workers: Workers) -> Array:
-    """Square distances of each fabric's first capture with each move [m²], [moves, fabrics]."""
-    work = partial(_squares_of_one, moves=moves, scene=scene)
-    return np.stack(workers.map(work, list(looks.values())), axis=1)
-
-
-def _squares_of_one(look: FreshLook, moves: Sequence[Move], scene: str) -> Array:
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
-
-    capture = first_capture(look, scene)
-    if capture is None:
-        return np.full(len(moves), math.inf)
-    stated = look.scene_of(capture)
-    with threadpool_limits(1):
-        return np.array([square(look, capture, capture.base, moved(stated, move)) for move in moves])
+def _with_moved(look: FreshLook, capture: CaptureResult, move: Move) -> tuple[KeyedDrape, SimulationScene]:
+    return capture.base, moved(look.scene_of(capture), move)
 
 
 def moved(scene: SimulationScene, move: Move) -> SimulationScene:

@@ -57,14 +57,22 @@ def test_it_is_looked_into_where_pins_may_be_taken_for_what_is_named(cause: Caus
     assert may_be_a_pin(cause) is asked
 
 
+def a_look(scene: str) -> Any:
+    """Of a fabric with one capture."""
+    return SimpleNamespace(
+        result=SimpleNamespace(captures=[SimpleNamespace(scene=scene)]), scene_of=lambda capture: STRETCH
+    )
+
+
 def judged(
     monkeypatch: pytest.MonkeyPatch, left: Mapping[Move, float], effects: Sequence[str], cause: Cause | None = None
 ) -> tuple[bool, list[tuple[int, list[Move]]]]:
     """Whether a pin does better, and which moves of how many fabrics were simulated; ``left`` at the nearest move."""
     asked: list[tuple[int, list[Move]]] = []
 
-    def squares(looks: Any, moves: Sequence[Move], scene: str, workers: Any) -> Any:
-        asked.append((len(looks), list(moves)))
+    def squares(looks: Any, starts: Sequence[Any], scene: str, workers: Any) -> Any:
+        moves = [start.keywords["move"] for start in starts]
+        asked.append((len(looks), moves))
 
         def one(move: Move) -> float:
             own = [(math.dist(move[1:], to[1:]), value) for to, value in left.items() if to.pin == move.pin]
@@ -72,10 +80,9 @@ def judged(
 
         return np.array([[4.0 * one(move)] * len(looks) for move in moves])
 
-    monkeypatch.setattr(moved_pin, "_squares", squares)
-    monkeypatch.setattr(moved_pin, "known_squares", lambda looks, effects, scene, workers: np.full(4, 4.0))
-    monkeypatch.setattr(moved_pin, "_scene_of", lambda looks, scene: STRETCH)
-    looks: Any = {f"f{n}": SimpleNamespace() for n in range(4)}
+    monkeypatch.setattr(moved_pin, "squares_from", squares)
+    monkeypatch.setattr(moved_pin, "known_squares", lambda looks, effects, scene, workers: np.full(len(looks), 4.0))
+    looks: Any = {"f0": a_look("hanging"), **{f"f{n}": a_look("stretch") for n in range(1, 5)}}
     return outdone_by_a_pin(looks, cause or cause_of("pin_drop"), effects, "stretch"), asked
 
 
@@ -134,7 +141,8 @@ def test_a_corner_pulled_less_is_found_by_simulation(tmp_path_factory: pytest.Te
     capture = SimpleNamespace(id="one", scene="stretch", base=base, depth=depth, rms_m=0.01)
     task = SimpleNamespace(captures=[SimpleNamespace(id="one", depth=depth, scene=STRETCH)], parameters=fabric)
     result: Any = SimpleNamespace(task=task, captures=[capture])
-    looks = {"f": FreshLook(simulator, result)}
+    looks = {name: FreshLook(simulator, result) for name in ("f", "g")}
     cause = cause_of("pin_drop")
     assert outdone_by_a_pin(looks, cause, WITHOUT_PULL, "stretch")
+    assert not outdone_by_a_pin({"f": looks["f"]}, cause, WITHOUT_PULL, "stretch")
     assert not outdone_by_a_pin(looks, cause, ALL, "stretch")
