@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from diagnosis.afresh.alike import ALIKE_LOOKS
 from diagnosis.afresh.fresh import is_mechanical, moves_camera
 from diagnosis.afresh.further import FURTHER, TRIAL_LOOKS
 from diagnosis.afresh.moved_pin import MOST_TRIALS
 from diagnosis.afresh.refinement import CANDIDATES, LOOKS, PICTURE_ROUNDS
 from diagnosis.afresh.second import MOST_SIZES, SECOND_EFFECTS
+from diagnosis.afresh.through import THROUGH_PAIRS, THROUGH_ROUNDS
 from diagnosis.afresh.together import CANDIDATES as PAIRS
 from diagnosis.afresh.together import ROUNDS as PAIR_ROUNDS
 from diagnosis.atlas_part import AtlasPart
@@ -142,7 +144,9 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
         for name in {capture.scene.setup.scene.value for capture in task.captures}:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
             looks = CANDIDATES if name == "stretch" else 0
-            further = LOOKS + TRIAL_LOOKS + PAIR_ROUNDS * PAIRS + SECOND_EFFECTS if name == "stretch" else 0
+            further = LOOKS + ALIKE_LOOKS + TRIAL_LOOKS if name == "stretch" else 0
+            pairs = PAIR_ROUNDS * PAIRS + THROUGH_ROUNDS * THROUGH_PAIRS
+            further += pairs + SECOND_EFFECTS if name == "stretch" else 0
             further += PICTURE_ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]
             beside = _beside(task.effects) if name == "stretch" else 0
             pins = len(own[0].scene.setup.pins_m)
@@ -165,6 +169,7 @@ def _variations(effects: Sequence[str], scene: str, pins: int) -> int:
         effect = get_effect(name)
         if effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT):
             count += len(nodes(effect)) - (len(shortcuts(effect)) if scene == "hanging" else 0)
+            count += len(shortcuts(effect)) if scene == "stretch" and not effect.fine else 0
     return count
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from capture.capture_set import CaptureSet
+from diagnosis.afresh.alike import look_alike
 from diagnosis.afresh.beside import look_beside
 from diagnosis.afresh.fresh import FreshLook, Sized
 from diagnosis.afresh.further import look_further
@@ -17,6 +18,7 @@ from diagnosis.afresh.once import Weigh, once
 from diagnosis.afresh.probing import look_probed
 from diagnosis.afresh.refinement import look_again
 from diagnosis.afresh.second import look_for_second
+from diagnosis.afresh.through import look_through
 from diagnosis.afresh.together import look_together
 from diagnosis.atlas import forecast
 from diagnosis.effect import SCALAR
@@ -253,6 +255,7 @@ class _Conclusion:
         """Fabrics as closer looks leave them, cut short where magnets hold otherwise; how they do, if ``grip`` asks."""
         weigh = partial(self.weigh, noise=noise)
         looks = look_again(looks, weigh, scene, self.workers)
+        looks = look_alike(looks, weigh, name, scene, self.workers)
         looks = look_further(looks, weigh, name, scene, self.workers)
         likely = name([look.result for look in looks.values()])
         held = judge_grip(looks, likely, self.workers) if grip else None
@@ -260,6 +263,7 @@ class _Conclusion:
             return looks, held
         looks = look_beside(looks, likely, scene, self.workers)
         looks = look_together(looks, name, scene, self.workers)
+        looks = look_through(looks, weigh, name, scene, self.workers)
         looks = look_for_second(looks, name, scene, self.workers)
         return look_probed(looks, weigh, name, scene, self.workers), held
 

@@ -22,7 +22,7 @@ from diagnosis.inference.likelihood import ALONE_NATS, LikelihoodModel
 
 Array = NDArray[np.float64]
 ALL = "all"
-SINGLE = ("picture", "pins", "one pin", "rim", "lines", "weights", "bends")
+SINGLE = ("picture", "pins", "one pin", "rim", "lines", "weights", "bends", "turns")
 """Families that are tried by themselves; smooth forms are not: another simulator shows one for no reason."""
 ONE = {"one pin": ("pins", 2)}
 """A family of which any one takes part, and not the others: each so many rows of another family."""
@@ -37,6 +37,7 @@ BY_CHANCE_NATS = {
     "lines": 2.0,
     "weights": 3.0,
     "bends": 6.0,
+    "turns": 3.0,
 }
 """A mixture may gain so much where nothing unknown is there: simulators differ for no reason, each time otherwise; a
 rim is lifted by curvatures of the catalogue, too, whose own responses may be of other folds; another simulator's set

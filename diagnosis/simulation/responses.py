@@ -85,7 +85,7 @@ def find_responses(
         reference: its cells.
     """
     look = _Look(simulator, fabric, scene, state, picture, reference)
-    common = simulator.kept(_key("common", state, scene), look.common)
+    common = simulator.kept(_common_key(state, scene), look.common)
     kept = {}
     for name in effects:
         effect = get_effect(name)
@@ -119,10 +119,10 @@ def borrowed_responses(
 
 def _lender(simulator: Simulator, fabric: FabricParameters, scene: SimulationScene, state: KeyedDrape) -> KeyedDrape:
     """The state whose responses serve a state: its own, or the nearest known one's that has them."""
-    if simulator.cache.has(_key("common", state, scene)):
+    if simulator.cache.has(_common_key(state, scene)):
         return state
     known = StateLibrary.of(simulator.cache, state.drape.mesh, fabric, scene).states()
-    able = [other for other in known if simulator.cache.has(_key("common", other, scene))]
+    able = [other for other in known if simulator.cache.has(_common_key(other, scene))]
     if able:
         name = scene.setup.scene.value
         nearest = min(able, key=lambda other: vertex_rms(state.drape, other.drape))
@@ -175,7 +175,7 @@ def probe_responses(
 
 def are_kept(cache: DrapeCache, state: KeyedDrape, scene: SimulationScene, effects: Sequence[str]) -> bool:
     """Whether a state's own responses are at hand, those to all these effects included."""
-    keys = [_key("common", state, scene), _key("grip", state, scene)]
+    keys = [_common_key(state, scene), _key("grip", state, scene)]
     return all(cache.has(key) for key in (*keys, *(_effect_key(get_effect(name), state, scene) for name in effects)))
 
 
@@ -183,11 +183,35 @@ def _key(what: str, state: KeyedDrape, scene: SimulationScene) -> str:
     return content_key(what=what, responses=RESPONSES_VERSION, state=state.key, scene=scene)
 
 
+def _common_key(state: KeyedDrape, scene: SimulationScene) -> str:
+    cells = {"fine": True} if on_own_cells(scene) else {}
+    return content_key(what="common", base=_key("common", state, scene), **cells)
+
+
 def _effect_key(effect: Effect, state: KeyedDrape, scene: SimulationScene) -> str:
     changed = [effect.apply(scene, size) for size in nodes(effect)]
     measured = {"pixels": PIXELS_VERSION} if effect.stage is Stage.SENSOR else {}
-    cells = {"fine": True} if effect.fine or effect.stage is Stage.CAMERA else {}
+    cells: dict[str, object] = {}
+    if effect.fine or effect.stage is Stage.CAMERA:
+        cells["fine"] = True
+    elif is_mended(effect, scene):
+        cells["fine"] = "half sizes"
     return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed, **measured, **cells)
+
+
+def on_own_cells(scene: SimulationScene) -> bool:
+    """Small changes are simulated on the state's own cells.
+
+    In `stretch`: coarse cells fall into other folds there, and are wrong by half of a change and more; in `hanging`
+    folds that are not found are.
+    """
+    return scene.setup.scene.value == "stretch"
+
+
+def is_mended(effect: Effect, scene: SimulationScene) -> bool:
+    """To what it does on coarse cells is added what the state's own do otherwise at half its size."""
+    able = effect.moves_cloth and effect.vanishes_at_zero and not effect.fine
+    return able and on_own_cells(scene) and bool(shortcuts(effect))
 
 
 @dataclass
@@ -249,9 +273,10 @@ class _Look:
 
     def common(self) -> dict[str, Array]:
         """Parameters, pins and mesh."""
-        parameters = [self.change(_stepped(self.fabric, k), self.scene) / PARAMETER_STEP for k in range(7)]
+        look = self.on_fine_cells if on_own_cells(self.scene) else self
+        parameters = [look.change(_stepped(self.fabric, k), self.scene) / PARAMETER_STEP for k in range(7)]
         mesh = measure(picture_of(self.origin.drape, self.scene), self.reference, with_pixels=False).vector()
-        return {"parameters": np.stack(parameters), "pins": self.pins(), "mesh": clean(mesh)}
+        return {"parameters": np.stack(parameters), "pins": look.pins(), "mesh": clean(mesh)}
 
     def pins(self) -> Array:
         """For a move of one metre of each pin along x and along y."""
@@ -287,6 +312,8 @@ class _Look:
         rows: dict[int, tuple[Array, Array]] = {}
         sparing = self.sparing or self.scene.setup.scene.value == "hanging"
         plan = shortcuts(effect) if self._mechanical(effect) and sparing else {}
+        mended = is_mended(effect, self.scene) and not self.fine
+        look = self.on_fine_cells if effect.fine or (mended and self.sparing) else self
         for number, size in enumerate(sizes):
             changed = effect.apply(self.scene, size)
             if effect.stage is Stage.SENSOR:
@@ -301,13 +328,27 @@ class _Look:
             elif effect.stage is Stage.CAMERA:
                 rows[number] = (self.seen_by(changed), still)
             elif number not in plan:
-                look = self.on_fine_cells if effect.fine else self
                 rows[number] = (look.change(self.fabric, changed), still)
         for number, (source, factor) in plan.items():
             if number not in rows:
                 rows[number] = (factor * rows[source][0], still)
+        if mended and look is self:
+            self._mend(effect, rows)
         ordered = [rows[number] for number in range(len(sizes))]
         return {"vector": np.stack([r[0] for r in ordered]), "pixels": np.stack([r[1] for r in ordered])}
+
+    def _mend(self, effect: Effect, rows: dict[int, tuple[Array, Array]]) -> None:
+        """Add what the state's own cells do otherwise at half sizes: to the large ones as much, which coarse cells show
+        better.
+        """
+        larger: dict[int, list[int]] = {}
+        for number, (half, _) in shortcuts(effect).items():
+            larger.setdefault(half, []).append(number)
+        for half, numbers in larger.items():
+            changed = effect.apply(self.scene, nodes(effect)[half])
+            otherwise = self.on_fine_cells.change(self.fabric, changed) - rows[half][0]
+            for number in (half, *numbers):
+                rows[number] = (rows[number][0] + otherwise, rows[number][1])
 
     def _mechanical(self, effect: Effect) -> bool:
         return effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT)

@@ -37,7 +37,7 @@ def at_rest(
 def test_fine_responses_go_on_from_the_state_itself(
     monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Of two effects one goes on from cells of 12.5 mm and one from cells of 25 mm."""
+    """Of two effects one goes on from cells of 12.5 mm alone, and the other from cells of 25 mm, too."""
     fabric = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2)
     scene = SimulationScene(Setup.nominal("stretch"))
     simulator, state = at_rest(tmp_path_factory, fabric, scene)
@@ -57,7 +57,7 @@ def test_fine_responses_go_on_from_the_state_itself(
     found = find_responses(simulator, fabric, scene, state, list(started), picture, reference)
     fine = len(state.drape.vertices)
     assert started["stretch_stiffening"] == {fine}
-    assert len(started["hem_weight"]) == 1 and max(started["hem_weight"]) < fine
+    assert len(started["hem_weight"]) == 2 and max(started["hem_weight"]) == fine
     rows = found.effects["stretch_stiffening"][0]
     strengths = [size[SCALAR] ** -2.0 for size in nodes(get_effect("stretch_stiffening"))]
     moved = np.sqrt(np.nanmean(rows**2, axis=1))
@@ -82,3 +82,38 @@ def test_what_a_moved_camera_sees_is_rendered_from_the_state_itself_in_all_pixel
         for size, row in zip(nodes(get_effect(name)), found.effects[name][0], strict=True):
             seen = measure(picture_of(state.drape, get_effect(name).apply(scene, size)), reference, with_pixels=False)
             np.testing.assert_allclose(row, clean(seen.vector()), atol=1e-6)
+
+
+def test_what_the_states_own_cells_do_otherwise_at_half_sizes_is_added_at_all(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Half sizes are then as on these cells; large ones as on coarse cells, but for the same difference."""
+    fabric = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2)
+    scene = SimulationScene(Setup.nominal("stretch"))
+    simulator, state = at_rest(tmp_path_factory, fabric, scene)
+    picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
+    monkeypatch.setattr(responses, "COARSE_TOO_FAR_M", 1.0)
+    effect = get_effect("pin_drop")
+    found = find_responses(simulator, fabric, scene, state, ["pin_drop"], picture, reference)
+    coarse = responses._Look(simulator, fabric, scene, state, picture, reference)
+    changed = [effect.apply(scene, size) for size in nodes(effect)]  # from -largest to largest
+    rough = np.stack([coarse.change(fabric, one) for one in changed])
+    own = [coarse.on_fine_cells.change(fabric, changed[number]) for number in (1, 2)]
+    assert all(np.linalg.norm(a - b) > 1e-6 for a, b in zip(own, rough[1:3], strict=True))
+    expected = [rough[0] + own[0] - rough[1], *own, rough[3] + own[1] - rough[2]]
+    np.testing.assert_allclose(found.effects["pin_drop"][0], expected, atol=1e-12)
+    np.testing.assert_allclose(found.pins, coarse.on_fine_cells.pins(), atol=1e-12)
+    beside = responses.responses_with(simulator, fabric, scene, state, ["pin_drop"])["pin_drop"][0]
+    np.testing.assert_allclose(beside, [2 * own[0], *own, 2 * own[1]], atol=1e-12)  # half sizes alone
+
+
+def test_where_the_cloth_hangs_free_coarse_cells_serve(tmp_path_factory: pytest.TempPathFactory) -> None:
+    scene = SimulationScene(Setup.nominal("hanging"))
+    fabric = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2)
+    simulator, state = at_rest(tmp_path_factory, fabric, scene)
+    picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
+    look = responses._Look(simulator, fabric, scene, state, picture, reference)
+    found = find_responses(simulator, fabric, scene, state, ["hem_weight"], picture, reference)
+    half = look.change(fabric, get_effect("hem_weight").apply(scene, nodes(get_effect("hem_weight"))[0]))
+    np.testing.assert_allclose(found.effects["hem_weight"][0], [half, 2 * half], atol=1e-12)
+    np.testing.assert_allclose(found.pins, look.pins(), atol=1e-12)

@@ -1,0 +1,76 @@
+"""What presses the cloth to the panel in another way than the leading effect does, simulated on trial.
+
+A draft, a tilt and an adhesion come near each other in every single fabric, and an adhesion takes hold only once the
+cloth has come close: from folds without it, no response says what it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from diagnosis.afresh.fresh import FreshLook
+from diagnosis.afresh.once import Weigh as Name
+from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Search, Weigh, leader
+from diagnosis.afresh.second import over_the_range
+from diagnosis.effect import SCALAR, Effect
+from diagnosis.effects import get_effect
+from diagnosis.inference.cause import Cause
+from diagnosis.workers import ALONE, Workers
+
+PRESSING: Mapping[str, int] = {"air_draft": -1, "panel_tilt": 1, "panel_adhesion": 1}
+"""Effects that press the cloth to the panel, and the sign of their size that does."""
+ALIKE_SIZES = 2
+"""Each is simulated at the middle and the largest of its sizes."""
+ALIKE_LOOKS = ALIKE_SIZES + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
+"""Simulations of effects for a capture, at most: on trial, and in rounds where that shows more."""
+
+
+def look_alike(
+    looks: Mapping[str, FreshLook], weigh: Weigh, name: Name, scene: str, workers: Workers = ALONE
+) -> dict[str, FreshLook]:
+    """Other effects that press the cloth to the panel, where one of them leads.
+
+    What the trial shows counts only where it lets one of these others be named.
+
+    Args:
+        looks: by fabric, as :func:`diagnosis.afresh.refinement.look_again` leaves them.
+        weigh: see :data:`diagnosis.afresh.refinement.Weigh`.
+        name: the answer from results, two effects together included.
+        scene: whose captures are looked at again.
+        workers: that simulate fabrics side by side.
+
+    Returns:
+        The same fabrics; as they were where nothing that presses the cloth leads, or none of the others is named then.
+    """
+    cause = name([look.result for look in looks.values()])
+    others = pressing_otherwise(cause)
+    search = Search(weigh, scene, workers)
+    for sized, sizes in next(iter(looks.values())).sizes.items():
+        search.seen[sized] = list(sizes)
+    wanted = search.unseen([(e.name, {SCALAR: size}) for e in others for size in pressing_sizes(e)])
+    if not wanted:
+        return dict(looks)
+    trial = search.rounds(search.simulated({key: look.copy() for key, look in looks.items()}, wanted))
+    found = name([look.result for look in trial.values()])
+    return trial if {e.name for e in others} & set(found.named) else dict(looks)
+
+
+def pressing_otherwise(cause: Cause) -> list[Effect]:
+    """Those that press the cloth while another of them leads so; of two that are twins, the likelier one."""
+    first = leader(cause)
+    if first is None or first not in PRESSING or cause.evidence[first].size[SCALAR] * PRESSING[first] < 0.0:
+        return []
+    twin = get_effect(first).twin
+    own = {first} if twin is None else {first, twin.name}
+    others = [get_effect(name) for name in PRESSING if name in cause.evidence and name not in own]
+    others.sort(key=lambda effect: -cause.evidence[effect.name].log_evidence)
+    chosen: list[Effect] = []
+    for effect in others:
+        if not any(effect.twin is not None and effect.twin.name == other.name for other in chosen):
+            chosen.append(effect)
+    return chosen
+
+
+def pressing_sizes(effect: Effect) -> list[float]:
+    """The middle and the largest size that presses the cloth."""
+    return [size for size in over_the_range(effect) if size * PRESSING[effect.name] > 0.0][-ALIKE_SIZES:]

@@ -1,0 +1,91 @@
+"""What presses the cloth to the panel is tried in every way, wherever one of them leads."""
+
+from __future__ import annotations
+
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.afresh.alike import ALIKE_SIZES, PRESSING, look_alike, pressing_otherwise, pressing_sizes
+from diagnosis.effects import get_effect
+
+
+def cause_of(leader: str, size: float = 1.0, named: tuple[str, ...] = (), without: tuple[str, ...] = ()) -> Any:
+    """One effect leads, with a size that presses the cloth where it is 1."""
+    nats = {"air_draft": -2.0, "panel_tilt": -1.0, "panel_adhesion": -3.0, "crease": -4.0, "none": -5.0} | {leader: 4.0}
+
+    def entry(name: str) -> Any:
+        own = {"magnitude": size * PRESSING.get(name, 1)}
+        return SimpleNamespace(name=name, usual_evidence=-99.0, usual={}, size=own, log_evidence=nats[name])
+
+    evidence = {name: entry(name) for name in nats if name not in without}
+    return SimpleNamespace(named=named, evidence=evidence, probabilities=nats)
+
+
+@pytest.mark.parametrize(
+    ("leader", "others"),
+    [
+        ("air_draft", ["panel_adhesion"]),
+        ("panel_tilt", ["panel_adhesion"]),
+        ("panel_adhesion", ["panel_tilt"]),
+        ("crease", []),
+        ("none", []),
+    ],
+)
+def test_others_press_the_cloth_and_are_no_twins_of_each_other(leader: str, others: list[str]) -> None:
+    assert [effect.name for effect in pressing_otherwise(cause_of(leader))] == others
+
+
+def test_what_lifts_the_cloth_is_like_no_adhesion() -> None:
+    assert pressing_otherwise(cause_of("air_draft", -1.0)) == []
+
+
+def test_one_that_is_left_out_of_the_catalogue_is_not_tried() -> None:
+    assert pressing_otherwise(cause_of("air_draft", without=("panel_adhesion",))) == []
+
+
+@pytest.mark.parametrize("name", PRESSING)
+def test_they_are_simulated_at_sizes_that_press(name: str) -> None:
+    sizes = pressing_sizes(get_effect(name))
+    own = next(iter(get_effect(name).components.values()))
+    middle = (own.low * own.high) ** 0.5
+    np.testing.assert_allclose(sizes, [PRESSING[name] * size for size in (middle, own.high)])
+    assert len(sizes) == ALIKE_SIZES
+
+
+def a_trial(leader: str, then: tuple[str, ...], known: tuple[float, ...] = ()) -> tuple[list[Any], bool]:
+    """What was simulated where one leads and others are named then; whether that was kept."""
+    simulated: list[Any] = []
+    sizes = {"panel_adhesion": [{"magnitude": size} for size in known]}
+    first, other = SimpleNamespace(result="before", sizes=sizes), SimpleNamespace(result="after", sizes={})
+    first.copy = lambda: SimpleNamespace(result="copied", sizes={})
+
+    class Simulating:
+        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
+            assert all(item is not first for item in items)  # it would learn what is only on trial
+            simulated.extend((name, round(size["magnitude"], 2)) for name, size in work.keywords["wanted"])
+            return [other]
+
+    def name(results: list[str]) -> Any:
+        return cause_of(leader) if results == ["before"] else cause_of("none", named=then)
+
+    def weigh(results: list[str], found: Any) -> Any:
+        return cause_of("none")
+
+    looks: Any = {"f1": first}
+    kept = look_alike(looks, weigh, name, "stretch", Simulating())  # type: ignore[arg-type]
+    return simulated, kept["f1"] is other  # type: ignore[comparison-overlap]
+
+
+def test_a_trial_counts_where_it_lets_one_of_them_be_named() -> None:
+    assert a_trial("panel_tilt", ("panel_adhesion",)) == ([("panel_adhesion", 1.87), ("panel_adhesion", 5.0)], True)
+    assert a_trial("panel_tilt", ("panel_tilt",))[1] is False
+    assert a_trial("crease", ("panel_adhesion",)) == ([], False)
+
+
+def test_sizes_that_were_simulated_are_not_again() -> None:
+    assert a_trial("air_draft", (), known=(1.8, 2.5))[0] == [("panel_adhesion", 5.0)]
+    assert a_trial("air_draft", (), known=(1.8, 5.1)) == ([], False)
