@@ -16,7 +16,7 @@ from diagnosis.measurement.picture import picture_of
 from diagnosis.measurement.reference import make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.simulation.probes import HOOKS, PROBES, TRIM_KG_M, probed
+from diagnosis.simulation.probes import HOOKS, PROBES, TRIM_KG_M, TURN_RAD, probed
 from diagnosis.simulation.responses import PIN_STEP_M, clean, probe_responses, smaller
 from diagnosis.simulation.simulator import Simulator
 from diagnosis.tasks.fabric_task import BASE_JITTER
@@ -32,7 +32,7 @@ FABRIC = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2)
 def test_each_probe_adds_to_what_is_there() -> None:
     rolled = UniformCurvature(warp=1.0)
     scene = SimulationScene(Setup.nominal("stretch")).with_mechanics(
-        trim_kg_m=(0.1, 0.2, 0.3, 0.4), rest_curvature=(rolled,)
+        trim_kg_m=(0.1, 0.2, 0.3, 0.4), rest_curvature=(rolled,), off_grain_rad=0.2
     )
     found = probed(scene)
     assert {family: len(scenes) for family, scenes in found.items()} == dict(PROBES) and set(PROBES) == set(HOOKS)
@@ -42,6 +42,8 @@ def test_each_probe_adds_to_what_is_there() -> None:
         assert changed.with_mechanics(trim_kg_m=scene.mechanics.trim_kg_m) == scene
     for changed in found["bends"]:
         assert changed.mechanics.rest_curvature[0] == rolled and len(changed.mechanics.rest_curvature) == 2
+    (turned,) = found["turns"]
+    assert turned == scene.with_mechanics(off_grain_rad=0.2 + TURN_RAD)
 
 
 def test_probes_go_on_from_the_state_itself(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
