@@ -108,13 +108,10 @@ def marks(url: str) -> int:
 
 
 def wait_for_marks(url: str, count: int, driver: subprocess.Popen[str]) -> None:
-    """Until so many shards are marked complete."""
-    for _ in range(1200):
-        if marks(url) >= count:
-            return
+    """Until so many shards are marked complete, however busy the machine is; the test's own timeout ends it."""
+    while marks(url) < count:
         assert driver.poll() is None, "the sweep ended by itself"
         time.sleep(0.05)
-    raise AssertionError(f"{count} shards were not finished in a minute")
 
 
 @contextmanager
@@ -132,7 +129,7 @@ def outage(server: S3Server, proxy: FaultProxy) -> Iterator[None]:
 
 @pytest.mark.ray
 @pytest.mark.slow
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_a_sweep_rides_out_a_short_outage_and_is_resumed_after_a_long_one(
     server: S3Server, undisturbed: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,7 +149,7 @@ def test_a_sweep_rides_out_a_short_outage_and_is_resumed_after_a_long_one(
             assert ridden_out < SHARDS, "the server was to be killed in mid-run"
             wait_for_marks(url, ridden_out + 1, driver)
             with outage(server, proxy):
-                _, said = driver.communicate(timeout=60)
+                _, said = driver.communicate(timeout=200)
         finally:
             driver.kill()
             driver.wait()
