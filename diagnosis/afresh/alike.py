@@ -44,9 +44,7 @@ def look_alike(
     """
     cause = name([look.result for look in looks.values()])
     others = pressing_otherwise(cause)
-    search = Search(weigh, scene, workers)
-    for sized, sizes in next(iter(looks.values())).sizes.items():
-        search.seen[sized] = list(sizes)
+    search = Search.after(looks, weigh, scene, workers)
     wanted = search.unseen([(e.name, {SCALAR: size}) for e in others for size in pressing_sizes(e)])
     if not wanted:
         return dict(looks)

@@ -44,9 +44,7 @@ def look_further(
     cause = name(results)
     if not leaves_much(cause):
         return dict(looks)
-    search = Search(weigh, scene, workers)
-    for sized, sizes in next(iter(looks.values())).sizes.items():
-        search.seen[sized] = list(sizes)
+    search = Search.after(looks, weigh, scene, workers)
     first = leader(cause)
     shown = None if first is None or is_mechanical(get_effect(first)) else (first, cause.evidence[first].size)
     further = search.unseen(on_the_cloth(weigh(results, shown)))[:FURTHER]

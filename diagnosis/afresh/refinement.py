@@ -75,6 +75,12 @@ class Search:
     workers: Workers
     seen: dict[str, list[Mapping[str, float]]] = field(default_factory=dict)
 
+    @classmethod
+    def after(cls, looks: Mapping[str, FreshLook], weigh: Weigh, scene: str, workers: Workers) -> Search:
+        """One that goes on where these looks were left: what they have simulated is not simulated again."""
+        seen = {name: list(sizes) for name, sizes in next(iter(looks.values())).sizes.items()}
+        return cls(weigh, scene, workers, seen)
+
     def rounds(self, looks: Mapping[str, FreshLook]) -> dict[str, FreshLook]:
         """What is near the best, and near what is best beside the leader; again where sizes moved."""
         now = dict(looks)

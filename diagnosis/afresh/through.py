@@ -35,9 +35,7 @@ def look_through(
     Returns:
         The same fabrics; as they were where no such pair is likely, or none of these effects is named then.
     """
-    search = Search(weigh, scene, workers)
-    for sized, sizes in next(iter(looks.values())).sizes.items():
-        search.seen[sized] = list(sizes)
+    search = Search.after(looks, weigh, scene, workers)
     trial = {key: look.copy() for key, look in looks.items()}
     tried: set[str] = set()
     for _ in range(THROUGH_ROUNDS):

@@ -149,7 +149,7 @@ def test_a_sweep_rides_out_a_short_outage_and_is_resumed_after_a_long_one(
             assert ridden_out < SHARDS, "the server was to be killed in mid-run"
             wait_for_marks(url, ridden_out + 1, driver)
             with outage(server, proxy):
-                _, said = driver.communicate(timeout=200)
+                _, said = driver.communicate(timeout=60)
         finally:
             driver.kill()
             driver.wait()
