@@ -11,7 +11,7 @@ from diagnosis.afresh.fresh import FreshLook, Sized, with_effects
 from diagnosis.report import Perceived
 from diagnosis.shrinkage.held_out import Held
 from diagnosis.shrinkage.seen_depth import seen_alike
-from diagnosis.shrinkage.shares import fraction_of_means, share_with_floors
+from diagnosis.shrinkage.shares import means, share_with_floors
 from metric.backends import get_backend
 from metric.render import DrapeRender
 from renderer.camera import Camera
@@ -71,7 +71,7 @@ def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name
             floor += list(distance[2:])
         own_floor = float(np.mean(floor[repeats:])) if floor[repeats:] else None
         blocks.append((float(np.mean(before[first:])), float(np.mean(after[first:])), own_floor))
-    fraction, interval = share_with_floors(blocks, fraction_of_means)
+    fraction, interval = share_with_floors(blocks, means)
     return Perceived(
         before=float(np.mean(before)),
         after=float(np.mean(after)),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from diagnosis.afresh.fresh import FreshLook, Sized, with_effects
 from diagnosis.report import SeenDepth
 from diagnosis.shrinkage.held_out import Held
-from diagnosis.shrinkage.shares import fraction_of, share_with_floors
+from diagnosis.shrinkage.shares import root_mean_squares, share_with_floors
 from diagnosis.tasks.fabric_task import CaptureResult
 from renderer.sensor import SensorModel
 
@@ -40,7 +40,7 @@ def seen_depth(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> SeenDept
             floor += [0.5 * _square(depths[capture.id], depths[other.id], shown) for other in alike]
         rows.append((_mean(before[first:]), _mean(after[first:]), _mean(floor[repeats:]) if floor[repeats:] else None))
     unit = 1e3
-    fraction, interval = share_with_floors(rows, fraction_of)
+    fraction, interval = share_with_floors(rows, root_mean_squares)
     return SeenDepth(
         before=unit * float(np.sqrt(np.mean(before))),
         after=unit * float(np.sqrt(np.mean(after))),

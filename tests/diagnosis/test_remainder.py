@@ -18,7 +18,7 @@ from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.changes import line_forms, rim_forms
 from diagnosis.inference.evidence import Evidence, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel, some_off
-from diagnosis.inference.remainder import BY_CHANCE_NATS, Mixture
+from diagnosis.inference.remainder import BY_CHANCE_NATS, NEAR_ENOUGH, Mixture
 from diagnosis.inference.said_again import is_said_again
 from diagnosis.inference.smooth_modes import smooth_modes
 from diagnosis.inference.something_beside import something_beside
@@ -99,6 +99,15 @@ def gain(blocks: list[Block]) -> float:
 
 def test_a_form_that_all_fabrics_show_is_predicted_from_the_others() -> None:
     assert gain(fabrics(range(FABRICS), "smooth")) > 5.0
+
+
+def test_how_another_simulator_differs_within_the_errors_is_nothing_unknown() -> None:
+    blocks = fabrics(range(FABRICS), "smooth")
+    mixture = Mixture.of(EFFECTS, blocks, LikelihoodModel())
+    within = [0.15 * block.stated.measured for block in blocks]
+    assert all(float(np.mean(left**2)) < NEAR_ENOUGH for left in within)
+    assert dict(zip(mixture.families, mixture.gain(within), strict=True))["all"] == 0.0
+    assert gain(blocks) > 5.0
 
 
 @pytest.mark.parametrize("shown", [range(0), range(1)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.shrinkage.shares import fraction_of, fraction_of_means, interval_of, share_with_floors
+from diagnosis.shrinkage.shares import OTHERWISE, fraction_of, interval_of, means, share_with_floors
 
 
 @pytest.mark.parametrize(
@@ -21,28 +21,29 @@ from diagnosis.shrinkage.shares import fraction_of, fraction_of_means, interval_
 def test_the_share_is_that_of_the_gap_above_the_floor(before: float, after: float, floor: float, share: float) -> None:
     values = np.array([[before, after, floor]])
     assert fraction_of(np.concatenate([values, values]) ** 2) == pytest.approx(share)
-    assert fraction_of_means(np.concatenate([values, values])) == pytest.approx(share)
+    assert fraction_of(np.concatenate([values, values]), means) == pytest.approx(share)
 
 
 def test_nothing_that_goes_away_is_no_minus() -> None:
-    assert np.copysign(1.0, fraction_of_means(np.array([[1.0, 1.0, 2.0]]))) == 1.0
+    assert np.copysign(1.0, fraction_of(np.array([[1.0, 1.0, 2.0]]), means)) == 1.0
 
 
-def test_one_block_says_nothing_of_others_and_alike_ones_are_sure() -> None:
+def test_one_block_says_nothing_of_others_and_of_alike_ones_others_leave_a_little_more_or_less() -> None:
     row = np.array([[16.0, 1.0, 0.25]])
     assert interval_of(row) == (-1.0, 1.0)
     worse = np.array([[1.0, 16.0, 0.25]])
     assert interval_of(worse)[0] == fraction_of(worse) < -1.0
-    assert interval_of(np.repeat(row, 4, axis=0)) == pytest.approx((fraction_of(row), fraction_of(row)))
+    more, less = (np.array([[16.0, left**2, 0.25]]) for left in (1.0 + OTHERWISE, 1.0 / (1.0 + OTHERWISE)))
+    assert interval_of(np.repeat(row, 4, axis=0)) == pytest.approx((fraction_of(more), fraction_of(less)))
 
 
 def test_a_share_lies_inside_its_interval_nine_times_in_ten() -> None:
     rng = np.random.default_rng(3)
-    true = fraction_of_means(np.array([[4.0, 2.0, 1.0]]))
+    true = fraction_of(np.array([[4.0, 2.0, 1.0]]), means)
     inside, widths = 0, []
     for _ in range(300):
         rows = np.array([4.0, 2.0, 1.0]) * np.exp(0.2 * rng.standard_normal((4, 3)))
-        low, high = interval_of(rows, fraction_of_means)
+        low, high = interval_of(rows, means)
         inside += low <= true <= high
         widths.append(high - low)
     assert 0.8 < inside / 300 < 0.99
@@ -50,8 +51,8 @@ def test_a_share_lies_inside_its_interval_nine_times_in_ten() -> None:
 
 
 def test_without_repeats_in_every_block_there_is_no_share() -> None:
-    assert share_with_floors([(3.0, 1.0, 0.5), (3.0, 1.0, None)], fraction_of_means) == (None, None)
-    assert share_with_floors([], fraction_of_means) == (None, None)
-    fraction, interval = share_with_floors([(3.0, 1.0, 0.5), (3.0, 1.5, 0.5)], fraction_of_means)
+    assert share_with_floors([(3.0, 1.0, 0.5), (3.0, 1.0, None)], means) == (None, None)
+    assert share_with_floors([], means) == (None, None)
+    fraction, interval = share_with_floors([(3.0, 1.0, 0.5), (3.0, 1.5, 0.5)], means)
     assert fraction == pytest.approx(1.75 / 2.5)
     assert interval is not None and interval[0] < 0.7 < interval[1]
