@@ -127,12 +127,12 @@ class Cause:
         changed = self._to_no_effect((1.0 - REFUTED) * self.probabilities[self.top])
         return replace(self, probabilities=changed, pair_probability=0.0, alone=changed)
 
-    def second_doubted(self) -> Cause:
-        """With the odds of two effects against one lowered by what held-out captures say.
+    def second_doubted(self, times: int = 1) -> Cause:
+        """With the odds of two effects against one lowered by what held-out captures say, once or more often.
 
         These are few, and distances hardly show what is narrow, as a crease is: they are one more piece of evidence.
         """
-        odds = DOUBTED * self.pair_probability
+        odds = DOUBTED**times * self.pair_probability
         return self._with_pairs(odds / (odds + 1.0 - self.pair_probability))
 
     def outdone(self) -> Cause:

@@ -48,8 +48,8 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
         if is_refuted(measured):
             cause = cause.refuted()
             measured = measure(cause)
-        elif is_unshown(cause, measured) or _second_is_needless(cause, measure):
-            doubted = cause.second_doubted()
+        elif times := _doubts(cause, measured, measure):
+            doubted = cause.second_doubted(times)
             measured = measured if doubted.named == cause.named else measure(doubted)
             cause = doubted
     while measured is not None and is_refuted(measured):  # ends: none and unknown get what effects lose
@@ -62,13 +62,18 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
     return cause, measured
 
 
-def _second_is_needless(cause: Cause, measure: Measure) -> bool:
-    """Of two named effects on the cloth, one leaves held-out captures about as near as both."""
+def _doubts(cause: Cause, measured: Measured, measure: Measure) -> int:
+    """How often held-out captures speak against the second of two named effects."""
+    return 1 if is_unshown(cause, measured) else _needless(cause, measure)
+
+
+def _needless(cause: Cause, measure: Measure) -> int:
+    """The same of two on the cloth, of which one may leave held-out captures about as near as both."""
     single = cause.refuted()
     if not set(single.named) & set(cause.named) or not all(is_mechanical(get_effect(n)) for n in cause.named):
-        return False
+        return 0
     both, alone = measure(cause, known=True), measure(single, known=True)
-    return both is not None and alone is not None and is_needless(both.shrinkage, alone.shrinkage)
+    return 0 if both is None or alone is None else needless(both.shrinkage, alone.shrinkage)
 
 
 def _names_one_on_the_cloth(cause: Cause) -> bool:
@@ -139,6 +144,11 @@ def _others(measured: Measured, fabric: str | None) -> Array:
     return np.stack([held.squares[-1] for held in measured.held if held.block.fabric != fabric])
 
 
-def is_needless(together: Shrinkage, alone: Shrinkage) -> bool:
-    """Simulated afresh on held-out captures, two effects leave about as much as one of them."""
-    return together.simulated_afresh and alone.simulated_afresh and together.after > NEEDED * alone.after
+def needless(together: Shrinkage, alone: Shrinkage) -> int:
+    """How often simulations afresh, held against captures that were held out, say that one effect does as well as two.
+
+    Once where both leave about as much as one; twice where that is no more than repeats scatter, besides.
+    """
+    if not (together.simulated_afresh and alone.simulated_afresh and together.after > NEEDED * alone.after):
+        return 0
+    return 2 if alone.repeats is not None and alone.after <= alone.repeats else 1

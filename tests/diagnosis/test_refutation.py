@@ -15,7 +15,7 @@ from diagnosis.inference.evidence import Evidence
 from diagnosis.inference.pairs import Pair
 from diagnosis.report import Shrinkage
 from diagnosis.shrinkage.held_out import Held, Measured
-from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_needless, is_refuted, is_unshown, judged
+from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_refuted, is_unshown, judged, needless
 from diagnosis.simulation.sizes import nodes
 
 
@@ -112,6 +112,9 @@ def test_a_doubted_second_effect_keeps_a_twentieth_of_its_odds(together: float, 
     cause = dataclasses.replace(cause, alone=alone, probabilities=probabilities, pair_probability=together)
     left = cause.second_doubted()
     assert left.pair_probability == pytest.approx(after, abs=0.005) and len(left.named) == named
+    odds = left.pair_probability / (1.0 - left.pair_probability)
+    twice = cause.second_doubted(2).pair_probability
+    assert twice / (1.0 - twice) == pytest.approx(0.05 * odds)
     assert left.probabilities[second] == pytest.approx(left.pair_probability / 2, abs=1e-6)
     assert left.alone["unknown"] / left.alone[first] == pytest.approx(alone["unknown"] / alone[first])
     assert sum(left.probabilities.values()) == pytest.approx(1.0)
@@ -139,12 +142,19 @@ def left(after: float, *, afresh: bool = True) -> Shrinkage:
 
 
 def test_a_second_effect_is_needless_where_held_out_captures_are_no_nearer_with_it() -> None:
-    assert is_needless(left(1.42), left(1.43))
-    assert not is_needless(left(0.9 * NEEDED), left(1.0))
-    assert is_needless(left(0.95), left(1.0)) and is_needless(left(0.91), left(1.0))
-    assert not is_needless(left(0.86), left(1.0))  # as much as a true pair left
-    assert not is_needless(left(1.42, afresh=False), left(1.43))
-    assert not is_needless(left(1.42), left(1.43, afresh=False))
+    assert needless(left(1.42), left(1.43)) == 1
+    assert needless(left(0.9 * NEEDED), left(1.0)) == 0
+    assert needless(left(0.95), left(1.0)) == needless(left(0.91), left(1.0)) == 1
+    assert needless(left(0.86), left(1.0)) == 0  # as much as a true pair left
+    assert needless(left(1.42, afresh=False), left(1.43)) == 0
+    assert needless(left(1.42), left(1.43, afresh=False)) == 0
+
+
+def test_a_second_effect_is_doubted_twice_where_the_first_leaves_no_more_than_repeats_scatter() -> None:
+    """Another simulator's tilt leaves 1.886 mm of repeats' 1.9, and 1.748 with a pulled corner that is not there."""
+    alone = left(1.886).model_copy(update={"repeats": 1.9})
+    assert needless(left(1.748), alone) == 2
+    assert needless(left(1.6), alone) == 0
 
 
 @pytest.mark.parametrize(
