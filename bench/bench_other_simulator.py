@@ -1,10 +1,11 @@
 """Captures by another simulator of cloth (``bench.hinge_cloth``): is what was put into them found?
 
     python bench/bench_other_simulator.py make FOLDER [--sets "none;panel_tilt=8"] [--workers 2] [--seed 91]
-    python bench/bench_other_simulator.py diagnose FOLDER
+    python bench/bench_other_simulator.py diagnose FOLDER [--sets ...] [--seed 91]
 
 Four fabrics, both scenes, two repeats; stated parameters 7 % off; magnets that hold a point. Sets that stand already
-are kept, so that a stopped run goes on; ``diagnose`` writes ``report.json`` beside each set and prints a table.
+are kept, so that a stopped run goes on; each seed has a folder of its own; ``diagnose`` writes ``report.json`` beside
+each set and prints a table.
 """
 
 from __future__ import annotations
@@ -130,14 +131,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=PLAN.seed, help="of fabrics, captures and noise")
     given = parser.parse_args(arguments)
-    names = given.sets.split(";")
+    names, folder = given.sets.split(";"), given.folder / f"seed-{given.seed}"
     if given.what == "make":
         with ProcessPoolExecutor(given.workers) as pool:
-            list(pool.map(partial(make_one, folder=given.folder, seed=given.seed), names))
+            list(pool.map(partial(make_one, folder=folder, seed=given.seed), names))
         return
     print("| in it | gap, floor [mm] | p | probabilities | size |\n|---|---|---|---|---|")
     for name in names:
-        print(report_row(name, given.folder, DrapeCache(given.folder / "states")), flush=True)
+        print(report_row(name, folder, DrapeCache(folder / "states")), flush=True)
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
         if is_refuted(measured):
             cause = cause.refuted()
             measured = measure(cause)
-        elif times := _doubts(cause, measured, measure):
+        elif times := _times_doubted(cause, measured, measure):
             doubted = cause.second_doubted(times)
             measured = measured if doubted.named == cause.named else measure(doubted)
             cause = doubted
@@ -62,18 +62,15 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
     return cause, measured
 
 
-def _doubts(cause: Cause, measured: Measured, measure: Measure) -> int:
+def _times_doubted(cause: Cause, measured: Measured, measure: Measure) -> int:
     """How often held-out captures speak against the second of two named effects."""
-    return 1 if is_unshown(cause, measured) else _needless(cause, measure)
-
-
-def _needless(cause: Cause, measure: Measure) -> int:
-    """The same of two on the cloth, of which one may leave held-out captures about as near as both."""
+    if is_unshown(cause, measured):
+        return 1
     single = cause.refuted()
     if not set(single.named) & set(cause.named) or not all(is_mechanical(get_effect(n)) for n in cause.named):
         return 0
     both, alone = measure(cause, known=True), measure(single, known=True)
-    return 0 if both is None or alone is None else needless(both.shrinkage, alone.shrinkage)
+    return 0 if both is None or alone is None else times_needless(both.shrinkage, alone.shrinkage)
 
 
 def _names_one_on_the_cloth(cause: Cause) -> bool:
@@ -144,7 +141,7 @@ def _others(measured: Measured, fabric: str | None) -> Array:
     return np.stack([held.squares[-1] for held in measured.held if held.block.fabric != fabric])
 
 
-def needless(together: Shrinkage, alone: Shrinkage) -> int:
+def times_needless(together: Shrinkage, alone: Shrinkage) -> int:
     """How often simulations afresh, held against captures that were held out, say that one effect does as well as two.
 
     Once where both leave about as much as one; twice where that is no more than repeats scatter, besides.

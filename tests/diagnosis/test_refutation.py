@@ -15,7 +15,7 @@ from diagnosis.inference.evidence import Evidence
 from diagnosis.inference.pairs import Pair
 from diagnosis.report import Shrinkage
 from diagnosis.shrinkage.held_out import Held, Measured
-from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_refuted, is_unshown, judged, needless
+from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_refuted, is_unshown, judged, times_needless
 from diagnosis.simulation.sizes import nodes
 
 
@@ -142,19 +142,20 @@ def left(after: float, *, afresh: bool = True) -> Shrinkage:
 
 
 def test_a_second_effect_is_needless_where_held_out_captures_are_no_nearer_with_it() -> None:
-    assert needless(left(1.42), left(1.43)) == 1
-    assert needless(left(0.9 * NEEDED), left(1.0)) == 0
-    assert needless(left(0.95), left(1.0)) == needless(left(0.91), left(1.0)) == 1
-    assert needless(left(0.86), left(1.0)) == 0  # as much as a true pair left
-    assert needless(left(1.42, afresh=False), left(1.43)) == 0
-    assert needless(left(1.42), left(1.43, afresh=False)) == 0
+    assert times_needless(left(1.42), left(1.43)) == 1
+    assert times_needless(left(0.9 * NEEDED), left(1.0)) == 0
+    assert times_needless(left(0.95), left(1.0)) == times_needless(left(0.91), left(1.0)) == 1
+    assert times_needless(left(0.86), left(1.0)) == 0  # as much as a true pair left
+    assert times_needless(left(1.42, afresh=False), left(1.43)) == 0
+    assert times_needless(left(1.42), left(1.43, afresh=False)) == 0
 
 
 def test_a_second_effect_is_doubted_twice_where_the_first_leaves_no_more_than_repeats_scatter() -> None:
-    """Another simulator's tilt leaves 1.886 mm of repeats' 1.9, and 1.748 with a pulled corner that is not there."""
+    """Another simulator's tilt leaves 1.886 mm, below what repeats scatter; with a corner that nothing pulls 1.748."""
     alone = left(1.886).model_copy(update={"repeats": 1.9})
-    assert needless(left(1.748), alone) == 2
-    assert needless(left(1.6), alone) == 0
+    assert times_needless(left(1.748), alone) == 2
+    assert times_needless(left(1.748), left(1.886).model_copy(update={"repeats": 1.8})) == 1
+    assert times_needless(left(1.6), alone) == 0
 
 
 @pytest.mark.parametrize(
