@@ -103,6 +103,7 @@ class Effect:
         twin: an effect that differs from it only in how its sizes go with the fabrics' density.
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
         fine: coarse cells do not hold what it does (strains, a narrow strip), so it is simulated on fine ones.
+        presses: sign of the sizes at which it presses the cloth to the panel everywhere; 0: at none.
     """
 
     name: str
@@ -121,6 +122,7 @@ class Effect:
     twin: Twin | None = None
     vanishes_at_zero: bool = True
     fine: bool = False
+    presses: int = 0
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
     where: str = ""
 
@@ -129,6 +131,12 @@ class Effect:
             raise InputError(
                 f"{self.name!r} cannot be an effect's name: use small letters, digits and _, and none of "
                 f"{', '.join(NOT_EFFECTS)}",
+                code="effect_file",
+            )
+        if self.presses not in (-1, 0, 1) or (self.presses and list(self.components) != [SCALAR]):
+            raise InputError(
+                f"effect {self.name}: presses={self.presses!r}: give 1 or -1 to an effect whose size is one number, "
+                "0 to any other",
                 code="effect_file",
             )
         if self.vector and any(self.places):

@@ -41,8 +41,9 @@ FIELDS = {
     "`change`": "the change itself, see below",
     "`places`, `where`": "may be left out: where or which way it acts, tried one after the other, as in `crease.py`, "
     "and what that means",
-    "`vector`, `random_repeats`, `holds`, `white`, `vague`, `twin`, `vanishes_at_zero`, `fine`": "may be left out: "
-    "`diagnosis/effect.py` says which effects need them",
+    "`vector`, `random_repeats`, `holds`, `white`, `vague`, `twin`, `vanishes_at_zero`, `fine`, `presses`": (
+        "may be left out: `diagnosis/effect.py` says which effects need them"
+    ),
 }
 
 HOW_TO_ADD = "\n".join(

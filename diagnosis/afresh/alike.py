@@ -14,11 +14,10 @@ from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Se
 from diagnosis.afresh.second import over_the_range
 from diagnosis.effect import SCALAR, Effect
 from diagnosis.effects import get_effect
+from diagnosis.groups import NOT_EFFECTS
 from diagnosis.inference.cause import Cause
 from diagnosis.workers import ALONE, Workers
 
-PRESSING: Mapping[str, int] = {"air_draft": -1, "panel_tilt": 1, "panel_adhesion": 1}
-"""Effects that press the cloth to the panel, and the sign of their size that does."""
 ALIKE_SIZES = 2
 """Each is simulated at the middle and the largest of its sizes."""
 ALIKE_LOOKS = ALIKE_SIZES + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
@@ -56,11 +55,12 @@ def look_alike(
 def pressing_otherwise(cause: Cause) -> list[Effect]:
     """Those that press the cloth while another of them leads so; of two that are twins, the likelier one."""
     first = leader(cause)
-    if first is None or first not in PRESSING or cause.evidence[first].size[SCALAR] * PRESSING[first] < 0.0:
+    if first is None or cause.evidence[first].size.get(SCALAR, 0.0) * get_effect(first).presses <= 0.0:
         return []
     twin = get_effect(first).twin
     own = {first} if twin is None else {first, twin.name}
-    others = [get_effect(name) for name in PRESSING if name in cause.evidence and name not in own]
+    effects = [get_effect(name) for name in cause.evidence if name not in own and name not in NOT_EFFECTS]
+    others = [effect for effect in effects if effect.presses]
     others.sort(key=lambda effect: -cause.evidence[effect.name].log_evidence)
     chosen: list[Effect] = []
     for effect in others:
@@ -71,4 +71,4 @@ def pressing_otherwise(cause: Cause) -> list[Effect]:
 
 def pressing_sizes(effect: Effect) -> list[float]:
     """The middle and the largest size that presses the cloth."""
-    return [size for size in over_the_range(effect) if size * PRESSING[effect.name] > 0.0][-ALIKE_SIZES:]
+    return [size for size in over_the_range(effect) if size * effect.presses > 0.0][-ALIKE_SIZES:]

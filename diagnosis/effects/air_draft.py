@@ -33,5 +33,6 @@ EFFECT = Effect(
     hook="mechanics.air_pressure_pa",
     source="Dynamic pressure of air at 0.4 to 0.9 m/s, 1/2 rho v^2.",
     change=change,
+    presses=-1,
     twin=Twin("panel_tilt", as_tilt),
 )

@@ -20,4 +20,5 @@ EFFECT = Effect(
     hook="mechanics.adhesion_pa",
     source="Electrostatic pressure of charged textiles.",
     change=change,
+    presses=1,
 )

@@ -34,5 +34,6 @@ EFFECT = Effect(
     hook="mechanics.gravity",
     source="A panel set up without a level.",
     change=change,
+    presses=1,
     twin=Twin("air_draft", as_draft),
 )

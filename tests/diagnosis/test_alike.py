@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.afresh.alike import ALIKE_SIZES, PRESSING, look_alike, pressing_otherwise, pressing_sizes
-from diagnosis.effects import get_effect
+from diagnosis.afresh.alike import ALIKE_SIZES, look_alike, pressing_otherwise, pressing_sizes
+from diagnosis.effects import catalogue, get_effect
+
+PRESSING = [name for name in catalogue() if get_effect(name).presses]
 
 
 def cause_of(leader: str, size: float = 1.0, named: tuple[str, ...] = (), without: tuple[str, ...] = ()) -> Any:
@@ -18,7 +20,8 @@ def cause_of(leader: str, size: float = 1.0, named: tuple[str, ...] = (), withou
     nats = {"air_draft": -2.0, "panel_tilt": -1.0, "panel_adhesion": -3.0, "crease": -4.0, "none": -5.0} | {leader: 4.0}
 
     def entry(name: str) -> Any:
-        own = {"magnitude": size * PRESSING.get(name, 1)}
+        presses = 0 if name == "none" else get_effect(name).presses
+        own = {"magnitude": size * (presses or 1)}
         return SimpleNamespace(name=name, usual_evidence=-99.0, usual={}, size=own, log_evidence=nats[name])
 
     evidence = {name: entry(name) for name in nats if name not in without}
@@ -52,8 +55,12 @@ def test_they_are_simulated_at_sizes_that_press(name: str) -> None:
     sizes = pressing_sizes(get_effect(name))
     own = next(iter(get_effect(name).components.values()))
     middle = (own.low * own.high) ** 0.5
-    np.testing.assert_allclose(sizes, [PRESSING[name] * size for size in (middle, own.high)])
+    np.testing.assert_allclose(sizes, [get_effect(name).presses * size for size in (middle, own.high)])
     assert len(sizes) == ALIKE_SIZES
+
+
+def test_the_catalogue_says_what_presses_the_cloth() -> None:
+    assert sorted(PRESSING) == ["air_draft", "panel_adhesion", "panel_tilt"]
 
 
 def a_trial(leader: str, then: tuple[str, ...], known: tuple[float, ...] = ()) -> tuple[list[Any], bool]:

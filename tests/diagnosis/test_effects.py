@@ -191,6 +191,7 @@ def test_a_file_without_an_effect_is_refused(add: Add) -> None:
         ('name="pin_height"', 'name="unknown"', "cannot be an effect's name"),
         ("scalar(0.002, 0.010", "scalar(0.0, 0.010", "two positive numbers"),
         ("scalar(0.002, 0.010", "scalar(0.010, 0.002", "two positive numbers"),
+        ("change=change", "presses=2, change=change", "give 1 or -1 to an effect whose size is one number"),
         ("from diagnosis.scene", "import no_such_module\nfrom diagnosis.scene", "pin_height.py cannot be used"),
         ("EFFECT = ", "EFFECT := ", "pin_height.py cannot be used: SyntaxError"),
     ],
