@@ -222,6 +222,7 @@ def test_what_the_camera_alone_brings_nearer_does_not_speak_for_a_second_effect(
     [
         ("edge_curl", 0.05, True, 0.52),
         ("edge_curl", 0.19, True, 0.75),  # a curvature out of the catalogue
+        ("edge_curl", 0.49, True, 0.75),  # another
         ("edge_curl", 0.5, True, 0.99),
         ("edge_curl", 0.05, False, 0.99),
         ("depth_bias", 0.05, True, 0.99),  # what moves no cloth is known exactly
