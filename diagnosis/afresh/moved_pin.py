@@ -7,7 +7,7 @@ from the simulation with it moved does.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import product
 from typing import NamedTuple
@@ -31,12 +31,18 @@ SCREENED, SCREEN_M = 2, 0.006
 DIRECTIONS = 8
 LIKELIEST, SIZES_M = 3, (0.004, 0.006, 0.008)
 """So many of these moves are simulated for all fabrics, at each of these lengths."""
-MOST_TRIALS = 3 * DIRECTIONS + LIKELIEST * len(SIZES_M)
+STEP_M, LONGEST_M = 0.002, 0.012
+"""While the longest that was tried is the nearest, it is made so much longer, up to this."""
+APART_M = 0.0005
+"""A length between two that were tried is simulated where it is so far from both."""
+MOST_TRIALS = 3 * DIRECTIONS + LIKELIEST * len(SIZES_M) + round((LONGEST_M - SIZES_M[-1]) / STEP_M) + 1
 """Simulations of a fabric whose cloth hangs on three pins, at most."""
 OUTDONE = 0.9
 """Of most fabrics' square distances with what is named, a moved pin leaves less than this share."""
 OTHER_WAY = math.cos(math.radians(67.5))
 """A move at a smaller angle to an effect's move of the same pin is the effect's, not one of its own."""
+SAME_WAY = 1.0 - 1e-6
+"""Cosine of the angle between moves of one direction."""
 
 
 class Move(NamedTuple):
@@ -76,7 +82,10 @@ def outdone_by_a_pin(
         return sorted((most(each, own[: len(fabrics)]), move) for each, move in zip(found, moves, strict=True))
 
     screened = left(dict(list(able.items())[:SCREENED]), screening(stated))
-    share, best = left(able, [_resized(move, size) for _, move in screened[:LIKELIEST] for size in SIZES_M])[0]
+    tried = left(able, [_resized(move, size) for _, move in screened[:LIKELIEST] for size in SIZES_M])
+    best = tried[0][1]
+    one_way = {_length(move): share for share, move in tried if _cosine(move, best) > SAME_WAY}
+    share = nearest(one_way, lambda size: left(able, [_resized(best, size)])[0][0])
     return share < OUTDONE and not _is_an_effects(best, _moves_of(effects, stated))
 
 
@@ -108,9 +117,37 @@ def moved(scene: SimulationScene, move: Move) -> SimulationScene:
     return scene.with_setup(scene.setup.with_pins(**{move.pin: (x + move.x, y + move.y, z)}))
 
 
+def nearest(shares: Mapping[float, float], share_at: Callable[[float], float]) -> float:
+    """The least share that a move one way leaves, by its length: farther where it still falls, then in between.
+
+    Args:
+        shares: by length, as far as known [m]; of three lengths at least.
+        share_at: simulates another length.
+    """
+    known = dict(shares)
+
+    def best() -> float:
+        return min(known, key=lambda size: known[size])
+
+    while best() == max(known) and best() + STEP_M <= LONGEST_M + APART_M:
+        known[best() + STEP_M] = share_at(best() + STEP_M)
+    sizes = sorted(known)
+    place = sizes.index(best())
+    if 0 < place < len(sizes) - 1:
+        around = sizes[place - 1 : place + 2]
+        square, slope, _ = np.polyfit(around, [known[size] for size in around], 2)
+        lowest = float(-slope / (2.0 * square)) if square > 0.0 else best()
+        if min(abs(lowest - size) for size in around) > APART_M:
+            known[lowest] = share_at(lowest)
+    return min(known.values())
+
+
+def _length(move: Move) -> float:
+    return math.hypot(move.x, move.y)
+
+
 def _resized(move: Move, size: float) -> Move:
-    length = math.hypot(move.x, move.y)
-    return Move(move.pin, move.x * size / length, move.y * size / length)
+    return Move(move.pin, move.x * size / _length(move), move.y * size / _length(move))
 
 
 def _moves_of(effects: Sequence[str], scene: SimulationScene) -> list[Move]:
@@ -126,7 +163,11 @@ def _moves_of(effects: Sequence[str], scene: SimulationScene) -> list[Move]:
 
 
 def _is_an_effects(move: Move, known: Sequence[Move]) -> bool:
-    def along(other: Move) -> float:
-        return (move.x * other.x + move.y * other.y) / math.hypot(move.x, move.y) / math.hypot(other.x, other.y)
+    return any(_cosine(move, other) > OTHER_WAY for other in known)
 
-    return any(other.pin == move.pin and along(other) > OTHER_WAY for other in known)
+
+def _cosine(move: Move, other: Move) -> float:
+    """Of the angle between two moves of one pin; of different pins none."""
+    if move.pin != other.pin:
+        return 0.0
+    return (move.x * other.x + move.y * other.y) / _length(move) / _length(other)

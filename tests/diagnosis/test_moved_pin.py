@@ -12,7 +12,16 @@ import pytest
 
 from diagnosis.afresh import moved_pin
 from diagnosis.afresh.fresh import FreshLook, with_effects
-from diagnosis.afresh.moved_pin import DIRECTIONS, LIKELIEST, SCREEN_M, SIZES_M, Move, may_be_a_pin, outdone_by_a_pin
+from diagnosis.afresh.moved_pin import (
+    DIRECTIONS,
+    LIKELIEST,
+    SCREEN_M,
+    SIZES_M,
+    Move,
+    may_be_a_pin,
+    nearest,
+    outdone_by_a_pin,
+)
 from diagnosis.effect import SCALAR
 from diagnosis.effects import catalogue
 from diagnosis.inference.cause import Cause
@@ -88,7 +97,7 @@ def judged(
 
 def test_a_corner_pulled_less_does_better_than_what_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     true = Move("bottom_right", -0.008 * IN, 0.008 * IN)
-    found, ((few, screened), (all_of_them, trials)) = judged(monkeypatch, {true: 0.5}, WITHOUT_PULL)
+    found, ((few, screened), (all_of_them, trials), *_) = judged(monkeypatch, {true: 0.5}, WITHOUT_PULL)
     assert found and (few, all_of_them) == (moved_pin.SCREENED, 4)
     assert len(screened) == len(STRETCH.setup.pins_m) * DIRECTIONS and len(trials) == LIKELIEST * len(SIZES_M)
     assert all(math.hypot(*move[1:]) == pytest.approx(SCREEN_M) for move in screened)
@@ -107,6 +116,44 @@ def test_what_an_effect_does_to_a_pin_is_nothing_unknown(
     monkeypatch: pytest.MonkeyPatch, move: Move, effects: Sequence[str]
 ) -> None:
     assert not judged(monkeypatch, {move: 0.5}, effects)[0]
+
+
+def test_a_move_is_made_longer_while_that_brings_captures_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pin 10 mm off: 8 mm leave as much as what is named, 10 mm do not."""
+    found, (_, _, *longer) = judged(monkeypatch, {Move("top_left", 0.0, 0.010): 0.8}, WITHOUT_PULL)
+    assert found
+    assert [math.hypot(*move[1:]) for _, (move,) in longer] == pytest.approx([0.010, 0.012])
+    assert all(fabrics == 4 for fabrics, _ in longer)
+
+
+@pytest.mark.parametrize(
+    ("true", "asked"),
+    [
+        (0.003, []),
+        (0.0053, [0.0053]),
+        (0.006, []),
+        (0.0066, [0.0066]),
+        (0.010, [0.010, 0.012]),
+        (0.020, [0.010, 0.012]),
+    ],
+)
+def test_the_length_of_a_move_that_leaves_least_is_simulated(true: float, asked: list[float]) -> None:
+    found: list[float] = []
+
+    def share(size: float) -> float:
+        return 0.5 + 1e5 * (size - true) ** 2
+
+    def share_at(size: float) -> float:
+        found.append(size)
+        return share(size)
+
+    least = nearest({size: share(size) for size in SIZES_M}, share_at)
+    assert found == pytest.approx(asked)
+    assert least == min(share(size) for size in (*SIZES_M, *found))
+
+
+def test_lengths_that_all_leave_the_same_need_no_other() -> None:
+    assert nearest(dict.fromkeys(SIZES_M, 0.7), lambda size: pytest.fail(f"simulated {size}")) == 0.7
 
 
 def test_a_pin_that_does_little_better_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
