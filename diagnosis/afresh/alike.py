@@ -6,7 +6,7 @@ cloth has come close: from folds without it, no response says what it does.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 
 from diagnosis.afresh.fresh import FreshLook
 from diagnosis.afresh.once import Weigh as Name
@@ -29,7 +29,8 @@ def look_alike(
 ) -> dict[str, FreshLook]:
     """Other effects that press the cloth to the panel, where one of them leads.
 
-    What the trial shows counts only where it lets one of these others be named.
+    What the trial shows counts only where it lets one of these others be named, with the one that leads or likelier
+    than that one and its twin together.
 
     Args:
         looks: by fabric, as :func:`diagnosis.afresh.refinement.look_again` leaves them.
@@ -49,7 +50,7 @@ def look_alike(
         return dict(looks)
     trial = search.rounds(search.simulated({key: look.copy() for key, look in looks.items()}, wanted))
     found = name([look.result for look in trial.values()])
-    return trial if {e.name for e in others} & set(found.named) else dict(looks)
+    return trial if shows_another(found, {e.name for e in others}, _with_twin(leader(cause))) else dict(looks)
 
 
 def pressing_otherwise(cause: Cause) -> list[Effect]:
@@ -57,8 +58,7 @@ def pressing_otherwise(cause: Cause) -> list[Effect]:
     first = leader(cause)
     if first is None or cause.evidence[first].size.get(SCALAR, 0.0) * get_effect(first).presses <= 0.0:
         return []
-    twin = get_effect(first).twin
-    own = {first} if twin is None else {first, twin.name}
+    own = _with_twin(first)
     effects = [get_effect(name) for name in cause.evidence if name not in own and name not in NOT_EFFECTS]
     others = [effect for effect in effects if effect.presses]
     others.sort(key=lambda effect: -cause.evidence[effect.name].log_evidence)
@@ -67,6 +67,25 @@ def pressing_otherwise(cause: Cause) -> list[Effect]:
         if not any(effect.twin is not None and effect.twin.name == other.name for other in chosen):
             chosen.append(effect)
     return chosen
+
+
+def shows_another(found: Cause, others: Set[str], led: Set[str]) -> bool:
+    """One of the others is named, beside what led before or likelier than all of that.
+
+    Args:
+        found: the answer after the trial.
+        others: names of what was tried.
+        led: what led before, with its twin: what speaks for either is shared by both.
+    """
+    named = set(found.named) & others
+    if not named or led & set(found.named):
+        return bool(named)
+    return max(found.probabilities[name] for name in named) > sum(found.probabilities.get(name, 0.0) for name in led)
+
+
+def _with_twin(name: str | None) -> Set[str]:
+    twin = None if name is None else get_effect(name).twin
+    return {n for n in (name, twin.name if twin is not None else None) if n is not None}
 
 
 def pressing_sizes(effect: Effect) -> list[float]:
