@@ -84,9 +84,10 @@ def outdone_by_a_pin(
     screened = left(dict(list(able.items())[:SCREENED]), screening(stated))
     tried = left(able, [_resized(move, size) for _, move in screened[:LIKELIEST] for size in SIZES_M])
     best = tried[0][1]
+    if _is_an_effects(best, _moves_of(effects, stated)):
+        return False
     one_way = {_length(move): share for share, move in tried if _cosine(move, best) > SAME_WAY}
-    share = nearest(one_way, lambda size: left(able, [_resized(best, size)])[0][0])
-    return share < OUTDONE and not _is_an_effects(best, _moves_of(effects, stated))
+    return nearest(one_way, lambda size: left(able, [_resized(best, size)])[0][0]) < OUTDONE
 
 
 def may_be_a_pin(cause: Cause) -> bool:
@@ -121,7 +122,7 @@ def nearest(shares: Mapping[float, float], share_at: Callable[[float], float]) -
     """The least share that a move one way leaves, by its length: farther where it still falls, then in between.
 
     Args:
-        shares: by length, as far as known [m]; of three lengths at least.
+        shares: by length, as far as known [m].
         share_at: simulates another length.
     """
     known = dict(shares)
