@@ -107,7 +107,7 @@ def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     alike = 2 + 2 * (3 + 2)  # what presses the cloth otherwise, and in rounds again
     further = 6 + 2 * (3 + 2)  # before something unknown is blamed, and in rounds again
     seconds = 6 + 2 * 8 + 2  # others that come on alone, then beside what is named at eight sizes, two looked at
-    moved = 3 * 8 + 3 * 3  # each pin in eight directions, the three best moves at three sizes
+    moved = 3 * 8 + 3 * 3 + 2 + 1  # each pin in eight directions, three at three sizes, two longer, one in between
     missed = 12 + 12 + 3  # more samples put up, their magnets brought home, the nearest led on
     alone = put_up + parameters + pins + draft + beside + probes + led
     assert found.most_simulations == alone + looked_at + alike + further + seconds + moved + pairs + missed
