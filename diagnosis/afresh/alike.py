@@ -45,7 +45,7 @@ def look_alike(
     cause = name([look.result for look in looks.values()])
     others = pressing_otherwise(cause)
     search = Search.after(looks, weigh, scene, workers)
-    wanted = search.unseen([(e.name, {SCALAR: size}) for e in others for size in pressing_sizes(e)])
+    wanted = search.unseen([(e.name, e.size(size)) for e in others for size in pressing_sizes(e)])
     if not wanted:
         return dict(looks)
     trial = search.rounds(search.simulated({key: look.copy() for key, look in looks.items()}, wanted))

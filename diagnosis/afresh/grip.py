@@ -30,6 +30,8 @@ FLOOR_M = 0.0005
 """Differences below this are alike."""
 NEARER = 0.5
 """What is left [m²] falls to less than this share (geometric mean of the fabrics) before a set is believed wrong."""
+SEVERAL = 4
+"""Of so many fabrics the folds of one may have been missed; of three, two that are nearer are not enough."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +49,12 @@ class Grip:
     def otherwise(self) -> bool:
         """The other way is nearer by far, and in no fabric farther.
 
-        Of three fabrics or more the one that speaks most against it does not decide alone, where each of the others is
-        nearer by far: its folds may have been missed.
+        Of :data:`SEVERAL` fabrics or more the one that speaks most against it does not decide alone, where each of the
+        others is nearer by far: its folds may have been missed.
         """
         squares = np.sort(2.0 * np.log(self.other / self.stated))
         in_all = squares[-1] <= 0.0
-        in_others = len(squares) > 2 and squares[-2] < np.log(NEARER)
+        in_others = len(squares) >= SEVERAL and squares[-2] < np.log(NEARER)
         return bool(squares.mean() < np.log(NEARER) and (in_all or in_others))
 
     def sentence(self, stated_m: float) -> str:
