@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from diagnosis.afresh import refinement
+from diagnosis.afresh.fresh import FreshLook
 from diagnosis.afresh.refinement import look_again
+from diagnosis.effect import SCALAR
+from diagnosis.inference.cause import Cause
+from diagnosis.inference.evidence import Evidence
 
 
 class Watcher:
@@ -158,3 +164,40 @@ def test_what_is_too_far_behind_is_not_tried() -> None:
 def test_where_an_effect_leads_and_beside_it_others_are_not_looked_at_from_so_far() -> None:
     rounds = wanted({"panel_tilt": 50.0, "pin_spacing": 44.0}, {"hem_weight": -6.0, "off_grain": -4.9})
     assert rounds == [["panel_tilt", "off_grain"]]
+
+
+def test_a_weaker_effect_beside_a_strong_one_is_looked_at_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[str] = []
+
+    def freshen(look: Any, wanted: Sequence[tuple[str, Any]], scene: str) -> Any:
+        looked.extend(name for name, _ in wanted)
+        return look.result
+
+    def weigh(results: Sequence[Any], beside: Any) -> Cause:
+        strong, weak = (40.0, 1.0) if beside is None else (0.0, 1.0)
+        evidence = {
+            name: Evidence(name, value, value, {}, size, size, value, {})
+            for name, value, size in (
+                ("none", 0.0, {}),
+                ("sensor_smoothing", strong, {SCALAR: 1.5, "after_noise": 1.0}),
+                ("off_grain", weak, {SCALAR: 5.0}),
+            )
+        }
+        top = "sensor_smoothing" if beside is None else "none"
+        return Cause({name: float(name == top) for name in evidence}, evidence, strong)
+
+    monkeypatch.setattr(refinement, "freshen", freshen)
+    nothing: Any = None
+    refinement.look_again({"f1": FreshLook(nothing, nothing)}, weigh, "stretch")
+    assert looked == ["off_grain"]
+
+
+def test_what_is_looked_at_again_is_of_a_size_inside_its_range() -> None:
+    """The best size may lie below it, where a response of other folds vanishes and nothing is learnt."""
+    evidence = {
+        "none": Evidence("none", 0.0, 0.0, {}, {}, {}, 0.0, {}),
+        "off_grain": Evidence("off_grain", 1.0, 1.0, {}, {SCALAR: 2.0}, {SCALAR: 5.0}, -1.0, {}),
+        "hem_weight": Evidence("hem_weight", 2.0, 2.0, {}, {SCALAR: 4.0}, {SCALAR: 9.0}, -20.0, {}),
+    }
+    found = refinement.candidates(Cause({"none": 1.0, "off_grain": 0.0, "hem_weight": 0.0}, evidence, 0.0))
+    assert found == [("off_grain", {SCALAR: 5.0})]
