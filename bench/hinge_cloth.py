@@ -210,7 +210,8 @@ class HingeCloth:
         spring = np.zeros_like(x)
         spring[:, 2] = np.where(deep > 0, self.contact, 0.0)
         whole = np.concatenate([*parts, spring.ravel()])[self.upper]
-        return energy, gradient, np.bincount(self.slot, whole)
+        values: Array = np.asarray(np.bincount(self.slot, whole), dtype=np.float64)
+        return energy, gradient, values
 
     def _stretched(self, x: Array, hessian: bool) -> tuple[float, Array, Array | None, Ints]:
         """Orthotropic St Venant-Kirchhoff membrane; its Hessian with the compressive part of the stress left out."""

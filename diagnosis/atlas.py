@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.afresh.alike import ALIKE_LOOKS
+from diagnosis.afresh import alike
 from diagnosis.afresh.fresh import is_mechanical, moves_camera
 from diagnosis.afresh.further import FURTHER, TRIAL_LOOKS
 from diagnosis.afresh.moved_pin import MOST_TRIALS
@@ -144,7 +144,7 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
         for name in {capture.scene.setup.scene.value for capture in task.captures}:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
             looks = CANDIDATES if name == "stretch" else 0
-            further = LOOKS + ALIKE_LOOKS + TRIAL_LOOKS if name == "stretch" else 0
+            further = LOOKS + alike.most_looks(task.effects) + TRIAL_LOOKS if name == "stretch" else 0
             pairs = PAIR_ROUNDS * PAIRS + THROUGH_ROUNDS * THROUGH_PAIRS
             further += pairs + SECOND_EFFECTS if name == "stretch" else 0
             further += PICTURE_ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]

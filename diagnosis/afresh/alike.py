@@ -6,7 +6,7 @@ cloth has come close: from folds without it, no response says what it does.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 
 from diagnosis.afresh.fresh import FreshLook
 from diagnosis.afresh.once import Weigh as Name
@@ -20,8 +20,14 @@ from diagnosis.workers import ALONE, Workers
 
 ALIKE_SIZES = 2
 """Each is simulated at the middle and the largest of its sizes."""
-ALIKE_LOOKS = ALIKE_SIZES + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
-"""Simulations of effects for a capture, at most: on trial, and in rounds where that shows more."""
+
+
+def most_looks(effects: Sequence[str]) -> int:
+    """Simulations of effects for a capture, at most: on trial, and in rounds where that shows more."""
+    pressing = _one_of_twins([get_effect(name) for name in effects if get_effect(name).presses])
+    if len(pressing) < 2:
+        return 0
+    return (len(pressing) - 1) * ALIKE_SIZES + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
 
 
 def look_alike(
@@ -62,8 +68,13 @@ def pressing_otherwise(cause: Cause) -> list[Effect]:
     effects = [get_effect(name) for name in cause.evidence if name not in own and name not in NOT_EFFECTS]
     others = [effect for effect in effects if effect.presses]
     others.sort(key=lambda effect: -cause.evidence[effect.name].log_evidence)
+    return _one_of_twins(others)
+
+
+def _one_of_twins(effects: Sequence[Effect]) -> list[Effect]:
+    """The first of two that are twins, and all others."""
     chosen: list[Effect] = []
-    for effect in others:
+    for effect in effects:
         if not any(effect.twin is not None and effect.twin.name == other.name for other in chosen):
             chosen.append(effect)
     return chosen

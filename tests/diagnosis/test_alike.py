@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.afresh.alike import ALIKE_SIZES, look_alike, pressing_otherwise, pressing_sizes, shows_another
+from diagnosis.afresh import alike
+from diagnosis.afresh.alike import (
+    ALIKE_SIZES,
+    look_alike,
+    most_looks,
+    pressing_otherwise,
+    pressing_sizes,
+    shows_another,
+)
 from diagnosis.effects import catalogue, get_effect
 
 PRESSING = [name for name in catalogue() if get_effect(name).presses]
@@ -48,6 +56,16 @@ def test_what_lifts_the_cloth_is_like_no_adhesion() -> None:
 
 def test_one_that_is_left_out_of_the_catalogue_is_not_tried() -> None:
     assert pressing_otherwise(cause_of("air_draft", without=("panel_adhesion",))) == []
+
+
+def test_the_forecast_counts_all_that_may_be_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A user's own effect that presses the cloth, too; of twins one leads or is tried."""
+    own = SimpleNamespace(name="static_charge", presses=1, twin=None)
+    monkeypatch.setattr(alike, "get_effect", lambda name: own if name == own.name else get_effect(name))
+    twins = ("air_draft", "panel_tilt", "crease")
+    assert most_looks(twins) == 0
+    assert most_looks((*twins, "panel_adhesion")) > ALIKE_SIZES
+    assert most_looks((*twins, "panel_adhesion", own.name)) == most_looks((*twins, "panel_adhesion")) + ALIKE_SIZES
 
 
 @pytest.mark.parametrize("name", PRESSING)
