@@ -104,16 +104,19 @@ def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     put_up, parameters, pins, draft, beside = 2, 8, 6, 4 + 2, 2  # half sizes on the state's own cells, too
     probes = 6 + 4 + 2 + 1  # pins, weights, bends and a turn on trial
     led, looked_at, pairs = 1, 2 * (3 + 2) + 3 + 2 * (3 + 2), 3 * 2 + 2 * 2  # in rounds, on trial, in rounds again
-    alike = 2 + 2 * (3 + 2)  # what presses the cloth otherwise, and in rounds again
     further = 6 + 2 * (3 + 2)  # before something unknown is blamed, and in rounds again
     seconds = 6 + 2 * 8 + 2  # others that come on alone, then beside what is named at eight sizes, two looked at
     moved = 3 * 8 + 3 * 3 + 2 + 1  # each pin in eight directions, three at three sizes, two longer, one in between
     missed = 12 + 12 + 3  # more samples put up, their magnets brought home, the nearest led on
     alone = put_up + parameters + pins + draft + beside + probes + led
-    assert found.most_simulations == alone + looked_at + alike + further + seconds + moved + pairs + missed
+    assert found.most_simulations == alone + looked_at + further + seconds + moved + pairs + missed
     through_a_camera = costs("air_draft", "range_noise", "camera_rotation")
     assert through_a_camera.most_simulations == found.most_simulations + 4 * 3  # three led on, in each of four rounds
     assert found.simulations == put_up + parameters + pins + draft + led + 3
+    alike = 2 + 2 * (3 + 2)  # what presses the cloth otherwise, and in rounds again
+    nothing, adhesion, both = costs("range_noise"), costs("panel_adhesion"), costs("air_draft", "panel_adhesion")
+    own = found.most_simulations + adhesion.most_simulations - nothing.most_simulations
+    assert both.most_simulations == own + alike
 
 
 def test_an_effect_named_twice_is_tried_once() -> None:
