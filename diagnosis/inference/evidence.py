@@ -19,10 +19,10 @@ from diagnosis.inference.likelihood import (
     combine,
     over_views,
     pixel_log_likelihood,
-    view_log_likelihood,
 )
 from diagnosis.inference.scatter import Scatter, scattered_nats, shows_scatter, widened
 from diagnosis.inference.vector_fit import fit_vector
+from diagnosis.inference.view_likelihood import Known, view_log_likelihood
 from diagnosis.simulation.sizes import (
     fading,
     grid,
@@ -175,11 +175,35 @@ def or_unmoved(scene: str, value: Array, still: Array | float, model: Likelihood
 
 def tabulate_nothing(blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Table:
     """Of no effect."""
-    values = tuple(
-        over_views(np.stack([_at_rest(view, block.scene, model) for view in block.views]), model) for block in blocks
-    )
+    values = tuple(_of_blocks(blocks, None, np.zeros((1, 0)), model))
     calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
     return Table("none", values, calm, np.zeros(1), ({},))
+
+
+def _of_blocks(blocks: Sequence[Block], name: str | None, weights: Array, model: LikelihoodModel) -> Array:
+    """Log likelihood of each block without what an effect does at each of its sizes, [blocks, sizes].
+
+    Args:
+        blocks: see there.
+        name: of the effect; None: nothing is taken away.
+        weights: of the responses at its nodes, [sizes, nodes].
+        model: see there.
+    """
+    if not blocks:
+        return np.zeros((0, len(weights)))
+    return _over_blocks(_known(blocks, name).log_likelihood(weights, model), model)
+
+
+def _known(blocks: Sequence[Block], name: str | None) -> Known:
+    """Of all blocks, each with its stated parameters and as if they were wrong."""
+    views = [view for block in blocks for view in block.views]
+    rows = [np.zeros((0, len(view.measured))) if name is None else view.responses[name] for view in views]
+    return Known.of(views, rows, [block.scene for block in blocks for _ in block.views])
+
+
+def _over_blocks(values: Array, model: LikelihoodModel) -> Array:
+    """Of blocks whose fabric may have wrong parameters: [blocks times views, sizes] to [blocks, sizes]."""
+    return over_views(np.stack([values[::2], values[1::2]]), model)
 
 
 def _at_rest(view: View, scene: str, model: LikelihoodModel) -> Array:
@@ -195,13 +219,11 @@ def _tabulate_scalar(
     places = len(effect.places)
     own = [np.asarray(np.kron(np.eye(places), form)) for form in weights]
     values = []
-    for block in blocks:
-        found: list[Array] = []
-        known = [(effect.name, own), *_twin_forms(effect, sizes, block, as_simulated)]
-        for name, forms in known:
-            every = np.concatenate(forms)
-            rows = [view_log_likelihood(v, v.responses[name], every, block.scene, model) for v in block.views]
-            found += list(over_views(np.stack(rows), model).reshape(len(forms), -1))
+    of_all = _of_blocks(blocks, effect.name, np.concatenate(own), model).reshape(len(blocks), len(own), -1)
+    for block, of_one in zip(blocks, of_all, strict=True):
+        found = list(of_one)
+        for name, forms in _twin_forms(effect, sizes, block, as_simulated):
+            found += list(_of_blocks([block], name, np.concatenate(forms), model).reshape(len(forms), -1))
         values.append(np.asarray(np.logaddexp.reduce(found, axis=0) - np.log(len(found))))
     seen = own[0] @ pixels.responses[effect.name]
     return Table(
@@ -271,20 +293,18 @@ def _tabulate_vector(
     """
     count = len(effect.components)
     prior_sigma = 1.2 * vector_step(effect) / np.sqrt(count)
+    known = _known(blocks, effect.name)
+    stated = known.every(slice(0, None, 2))
     found: list[tuple[float, int, Array, Array, tuple[Array, ...], Array, float]] = []
     for signs in product((1.0, -1.0), repeat=count):
-        size, hessian = fit_vector(effect, blocks, pixels, model, seen, np.array(signs) * 1e-9 * prior_sigma)
+        size, hessian = fit_vector(effect, stated, pixels, model, seen, np.array(signs) * 1e-9 * prior_sigma)
         weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
-        values = []
-        for block in blocks:
-            views, scene = block.views, block.scene
-            rows = [view_log_likelihood(v, v.responses[effect.name], weights[None], scene, model) for v in views]
-            values.append(over_views(np.stack(rows), model))
+        values = _over_blocks(known.log_likelihood(weights[None], model), model)
         shared = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
         occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
         occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
         occam += float(fading(next(iter(effect.components.values())), np.array(max(np.linalg.norm(size), 1e-12))))
-        total = float(sum(value.sum() for value in values) + shared.sum() + occam)
+        total = float(values.sum() + shared.sum() + occam)
         found.append((total, len(found), size, hessian, tuple(values), shared, occam))
     _, _, size, hessian, by_block, shared, occam = max(found)
     sigma = np.sqrt(np.diag(np.linalg.inv(hessian)))

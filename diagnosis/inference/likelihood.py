@@ -1,4 +1,4 @@
-"""How probable the measurements of a fabric are once an explanation's response is taken away."""
+"""The likelihood's model, and how blocks and shared numbers come together in it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
-from diagnosis.inference.block import Block, PixelBlock, View
+from diagnosis.inference.block import Block, PixelBlock
 
 Array = NDArray[np.float64]
 FACTORS = np.geomspace(2.0, 300.0, 33)
@@ -55,11 +55,12 @@ class LikelihoodModel:
     moved_stretch: float = 0.0
     moved_hanging: float = 0.3
 
-    def log_density(self, square: Array, dimension: float, scene: str) -> Array:
+    def log_density(self, square: Array, dimension: Array | float, scene: str) -> Array:
         """Log density of ``dimension`` errors of one unknown scale at squared length ``square`` (up to 2 pi's)."""
+        dimension = np.asarray(dimension)
         spread = self.spread_hanging if scene == "hanging" else self.spread_stretch
         scales, weight = _scales(spread, self.least_scale)
-        values = -0.5 * np.asarray(square)[..., None] / scales**2 - dimension * np.log(scales) + weight
+        values = -0.5 * np.asarray(square)[..., None] / scales**2 - dimension[..., None] * np.log(scales) + weight
         most = values.max(axis=-1)  # scipy's logsumexp takes three times as long over rows this short
         total = most + np.log(np.exp(values - most[..., None]).sum(axis=-1))
         return np.asarray(total - 0.5 * dimension * np.log(2 * np.pi))
@@ -99,73 +100,6 @@ def log_student(square: Array | float, dimension: float, degrees: float) -> Arra
         - 0.5 * dimension * np.log(degrees * np.pi)
         - 0.5 * (degrees + dimension) * np.log1p(np.asarray(square) / degrees)
     )
-
-
-def view_log_likelihood(view: View, rows: Array, weights: Array, scene: str, model: LikelihoodModel) -> Array:
-    """Of one block under one covariance with responses of many sizes taken away.
-
-    The response t is uncertain in its length and in its form: covariance I + share² t tᵀ (by Woodbury), and all errors
-    grow with the response's mean square. What was taken away from the block before is uncertain in the same way. Only
-    products of what is known of the block are needed, however many sizes there are.
-
-    Args:
-        view: of the block, n measurements.
-        rows: whitened responses that are known, [k, n].
-        weights: which of these make the response to each size, [sizes, k].
-        scene: of the block.
-        model: see there.
-
-    Returns:
-        [sizes].
-    """
-    count, known = len(view.measured), np.concatenate([rows, *(row[None] for row in view.taken)])
-    made = np.zeros((len(weights), 1 + len(view.taken), len(known)))
-    made[:, 0, : len(rows)] = weights
-    made[:, 1:, len(rows) :] = np.eye(len(view.taken))
-    seen = made @ (known @ view.measured)
-    gram = made @ (known @ known.T) @ made.transpose(0, 2, 1)
-    lengths = Lengths.of(gram, seen - gram[:, :, 0], count, model, alone=not view.taken)
-    left = np.maximum(float(view.measured @ view.measured) - 2.0 * seen[:, 0] + gram[:, 0, 0], 0.0)
-    dimension = count * model.dimension_share
-    square = (left / lengths.grown - lengths.along) * model.dimension_share
-    spread = lengths.spent + 0.5 * dimension * np.log(lengths.grown) + model.dimension_share * view.log_det
-    return np.asarray(model.log_density(square + lengths.square, dimension, scene) - spread)
-
-
-@dataclass(frozen=True)
-class Lengths:
-    """What the uncertain lengths of responses do to a likelihood; ``g`` sizes.
-
-    Attributes:
-        grown: by how much all errors' variance grows, since the responses' form is uncertain, [g].
-        along: squared length of the residual in the span of the responses, in units of grown errors, as far as one
-            alone is longer than the errors, [g].
-        square: the same with the responses' lengths uncertain, [g].
-        spent: half the log determinant of that, [g].
-    """
-
-    grown: Array
-    along: Array
-    square: Array
-    spent: Array
-
-    @classmethod
-    def of(cls, gram: Array, cross: Array, count: int, model: LikelihoodModel, *, alone: bool = True) -> Lengths:
-        """Of products of whitened responses with one another, [g, k, k], and with the residuals, [g, k], all of
-        ``count`` measurements.
-
-        A direction in which the response to one effect alone is shorter than the errors is one among all others: what
-        does not show is as probable as none. A second effect, which is sought longer, pays for it (decision 022).
-        """
-        grown = 1.0 + model.form_share**2 * np.trace(gram, axis1=1, axis2=2) / count
-        own, basis = np.linalg.eigh(gram / grown[:, None, None])
-        own, parts = np.maximum(own, 0.0), (cross[:, None] @ basis)[:, 0] ** 2 / grown[:, None] ** 2
-        least = 1e-10 * own.sum(axis=1, keepdims=True) + 1e-12
-        seen = own / (own + 1.0) if alone else 1.0
-        along = (parts / (own + least) * seen).sum(axis=1)
-        told = (parts / (own + model.template_share**-2)).sum(axis=1)
-        spent = 0.5 * np.log1p(model.template_share**2 * own).sum(axis=1)
-        return cls(grown, along, along - told, spent)
 
 
 def over_views(value: Array, model: LikelihoodModel) -> Array:

@@ -16,8 +16,9 @@ from scipy.stats import f as f_distribution
 from diagnosis.effect import SCALAR, Effect, Size
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, View, whiten
-from diagnosis.inference.likelihood import Lengths, LikelihoodModel
+from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.smooth_modes import smooth_modes
+from diagnosis.inference.view_likelihood import Lengths
 from diagnosis.simulation.sizes import node_values
 
 Array = NDArray[np.float64]

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.effect import Effect
-from diagnosis.inference.block import Block, PixelBlock
-from diagnosis.inference.likelihood import LikelihoodModel, view_log_likelihood
+from diagnosis.inference.block import PixelBlock
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.view_likelihood import Known
 from diagnosis.simulation.sizes import node_weights, vector_step
 
 Array = NDArray[np.float64]
@@ -17,7 +18,7 @@ Array = NDArray[np.float64]
 
 def fit_vector(
     effect: Effect,
-    blocks: Sequence[Block],
+    known: Known,
     pixels: PixelBlock,
     model: LikelihoodModel,
     seen: Sequence[float] | None,
@@ -29,7 +30,8 @@ def fit_vector(
 
     Args:
         effect: whose components are fitted.
-        blocks, pixels, model: what was measured, and how likely it is.
+        known: of every block with its stated parameters, and of the effect's responses.
+        pixels, model: numbers that are shared, and how likely everything is.
         seen: of each block, log likelihood in folds in which the effect may not show; None: it shows in all.
         size: to begin at; its signs choose the responses forward or backward, [components].
 
@@ -38,35 +40,26 @@ def fit_vector(
     """
     step, count = vector_step(effect), len(effect.components)
     prior_sigma = 1.2 * step / np.sqrt(count)
-    hessian, shown = np.eye(count), np.ones(len(blocks))
+    hessian, shown = np.eye(count), np.ones(len(known.count))
     for _ in range(12):
         own = np.where(size >= 0, np.arange(count), np.arange(count, 2 * count))
-        way = (np.where(size >= 0, 1.0, -1.0) / step)[:, None]
-        shared = way * pixels.responses[effect.name][own]
-        hessian = np.eye(count) / prior_sigma**2 + shared @ shared.T
-        right = shared @ pixels.measured
-        for block, part in zip(blocks, shown, strict=True):
-            view = block.stated
-            columns = way * view.responses[effect.name][own]
-            residual = view.measured - size @ columns
-            weight = part * model.dimension_share / max(float(residual @ residual) / len(residual), 0.3)
-            hessian += weight * columns @ columns.T
-            right += weight * columns @ view.measured
-        size = np.linalg.solve(hessian, right)
+        way = np.where(size >= 0, 1.0, -1.0) / step
+        shared = way[:, None] * pixels.responses[effect.name][own]
+        products, along = np.outer(way, way) * known.products[:, own[:, None], own], way * known.along[:, own]
+        residual = known.whole - 2.0 * along @ size + (products @ size) @ size
+        weight = shown * model.dimension_share / np.maximum(residual / known.count, 0.3)
+        hessian = np.eye(count) / prior_sigma**2 + shared @ shared.T + np.tensordot(weight, products, 1)
+        size = np.linalg.solve(hessian, shared @ pixels.measured + weight @ along)
         if seen is not None:
-            shown = _shown(effect, blocks, model, seen, size)
+            shown = _shown(effect, known, model, seen, size)
     return size, hessian
 
 
-def _shown(
-    effect: Effect, blocks: Sequence[Block], model: LikelihoodModel, seen: Sequence[float], size: Array
-) -> Array:
+def _shown(effect: Effect, known: Known, model: LikelihoodModel, seen: Sequence[float], size: Array) -> Array:
     """Probability that a vector effect of some size shows in each block, [blocks]."""
     weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
-    found = []
-    for block, still in zip(blocks, seen, strict=True):
-        view, moved = block.stated, model.moved(block.scene)
-        value = view_log_likelihood(view, view.responses[effect.name], weights[None], block.scene, model)[0]
-        hidden = np.log(moved) + still if moved > 0.0 else -np.inf
-        found.append(float(np.exp(np.log1p(-moved) + value - np.logaddexp(np.log1p(-moved) + value, hidden))))
-    return np.array(found)
+    moved = np.array([model.moved(scene) for scene in known.scenes])
+    with np.errstate(divide="ignore"):
+        hidden = np.log(moved) + np.array(seen)
+    told = np.log1p(-moved) + known.log_likelihood(weights[None], model)[:, 0]
+    return np.asarray(np.exp(told - np.logaddexp(told, hidden)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,14 +110,23 @@ def interpolation(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.floa
     continued.
     """
     own = strength(effect, np.array(node_values(effect)))
-    knots, at = np.sort(np.append(own, 0.0)), strength(effect, sizes)
+    return _piecewise(tuple(own.tolist()), tuple(strength(effect, sizes).tolist()))
+
+
+@lru_cache(maxsize=4096)
+def _piecewise(nodes: tuple[float, ...], wanted: tuple[float, ...]) -> NDArray[np.float64]:
+    """:func:`interpolation` in terms of strengths; asked for again and again, so kept, and not to be written to."""
+    own, at = np.array(nodes), np.array(wanted)
+    knots = np.sort(np.append(own, 0.0))
     place = np.clip(np.searchsorted(knots, at) - 1, 0, len(knots) - 2)
     share = (at - knots[place]) / (knots[place + 1] - knots[place])
     weights = np.zeros((len(at), len(knots)))
     weights[np.arange(len(at)), place] = 1 - share
     weights[np.arange(len(at)), place + 1] += share
     weights = np.delete(weights, int(np.flatnonzero(knots == 0.0)[0]), axis=1)
-    return np.asarray(weights[:, np.argsort(np.argsort(own))])
+    weights = np.ascontiguousarray(weights[:, np.argsort(np.argsort(own))])
+    weights.flags.writeable = False
+    return weights
 
 
 def strength(effect: Effect, sizes: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,9 +14,10 @@ from diagnosis.afresh.fresh import FreshLook, around, bend
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, View
-from diagnosis.inference.likelihood import LikelihoodModel, view_log_likelihood
+from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.smooth_modes import smooth_modes
 from diagnosis.inference.unknown import unknown_shape
+from diagnosis.inference.view_likelihood import view_log_likelihood
 from diagnosis.measurement.reference import CELLS
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.sizes import node_weights, nodes

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from diagnosis.inference.block import View
-from diagnosis.inference.likelihood import LikelihoodModel, view_log_likelihood
+from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.view_likelihood import view_log_likelihood
 
 COUNT, NODES, SIZES = 50, 4, 7
 MODEL = LikelihoodModel()

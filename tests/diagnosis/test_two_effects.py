@@ -16,9 +16,10 @@ from diagnosis.inference import pairs as pairs_module
 from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.evidence import tabulate, tabulate_nothing
-from diagnosis.inference.likelihood import Lengths, LikelihoodModel, view_log_likelihood
+from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.pairs import Pair
 from diagnosis.inference.subtract import without
+from diagnosis.inference.view_likelihood import Lengths, view_log_likelihood
 from diagnosis.simulation.sizes import node_weights, nodes
 from tests.diagnosis.pair_parts import evidence
 
