@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
+from collections import OrderedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +14,41 @@ from diagnosis.scene import SimulationScene
 from renderer.depth import render_depth
 from simcore.drape import Drape
 
+KEPT_PIXELS = 2**24
+"""Of the pictures that were asked for last; in single precision 64 MiB a process."""
+
+
+class _Kept:
+    """The pictures that were asked for last: a search looks at the same states again and again."""
+
+    def __init__(self) -> None:
+        self._pictures: OrderedDict[tuple[object, ...], NDArray[np.float32]] = OrderedDict()
+        self._pixels = 0
+
+    def of(self, drape: Drape, scene: SimulationScene) -> NDArray[np.float32]:
+        """Rendered, or as it was."""
+        mesh, shape = drape.mesh, hashlib.sha256(drape.vertices.tobytes()).digest()
+        key = (shape, mesh, scene.camera, scene.pose, scene.setup.panel)
+        if key in self._pictures:
+            self._pictures.move_to_end(key)
+            return self._pictures[key]
+        picture = render_depth(
+            drape.vertices, mesh.triangles, scene.camera, scene.camera_from_panel, panel=scene.setup.panel
+        )
+        picture.flags.writeable = False
+        self._pictures[key] = picture
+        self._pixels += picture.size
+        while self._pixels > KEPT_PIXELS:
+            self._pixels -= self._pictures.popitem(last=False)[1].size
+        return picture
+
+
+_kept = _Kept()
+
 
 def picture_of(drape: Drape, scene: SimulationScene) -> NDArray[np.float32]:
-    """The ideal depth picture of a drape in a scene [m]."""
-    return render_depth(
-        drape.vertices, drape.mesh.triangles, scene.camera, scene.camera_from_panel, panel=scene.setup.panel
-    )
+    """The ideal depth picture of a drape in a scene [m]; kept, so not to be written to."""
+    return _kept.of(drape, scene)
 
 
 def depth_rms(depth: NDArray[np.float32], other: NDArray[np.float32]) -> float:
