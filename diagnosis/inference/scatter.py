@@ -32,6 +32,8 @@ SCATTER_FREEDOM = 6.0
 """Degrees of freedom of a smooth random shape."""
 RATIOS = 8.0
 """Width of the logarithm of what repeats share over how they differ, where something else than scatter is seen."""
+NO_SPREAD = 1e-12
+"""Variance along a direction, of the largest, that is rounding: draws about their mean span one direction less."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,11 @@ def widened(view: View, scatter: Scatter, scene: str, model: LikelihoodModel) ->
     def apart(rows: Array) -> Array:
         return np.asarray((rows - (rows @ along) @ along.T) / scale)
 
-    left, grown = apart(measured), scatter.grown
-    _, spread, basis = np.linalg.svd(apart(scatter.directions), full_matrices=False)
-    seen = basis @ left
-    variance = grown[:, None] + np.outer(scatter.factors**2, spread**2)
+    left, grown, rows = apart(measured), scatter.grown, apart(scatter.directions)
+    spread, basis = np.linalg.eigh(rows @ rows.T)  # few rows: a tenth of the time of their singular values
+    shown = spread > NO_SPREAD * spread.max(initial=0.0)
+    spread, seen = spread[shown], basis.T[shown] @ (rows @ left) / np.sqrt(spread[shown])
+    variance = grown[:, None] + np.outer(scatter.factors**2, spread)
     rest = max(0.0, float(left @ left) - float(seen @ seen)) / grown
     square = (rest + (seen**2 / variance).sum(axis=1)) * model.dimension_share + known.square[0]
     spent = 0.5 * np.log(variance).sum(axis=1) + 0.5 * (count - len(spread)) * np.log(grown)
