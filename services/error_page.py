@@ -32,8 +32,8 @@ HEAD = """# Error codes
 Written by `python -m services.error_page docs/errors.md` from the sources. The command line prints a code in brackets
 behind the message, the REST service and jobs give it as `code`. Codes stay; messages are for people and may change.
 `…` stands for what is filled in. Where a code has several messages, one is shown. What the service says of a request as
-such (`validation_failed`, `not_found` and their like) is in [api.md](api.md). *Status* is the exit status of a command /
-the HTTP status of an answer; a dash: never so.
+such (`validation_failed`, `not_found` and their like) is in [api.md](api.md). *Status* is the exit status of a command
+/ the HTTP status of an answer; a dash: never so.
 
 | code | status | for example |
 |---|---|---|
