@@ -4,7 +4,8 @@
 
 Two estimators are trained on equal sweeps, one with the plain simulator and one with the effects that the diagnosis of
 a few known fabrics found, and tried on captures of other fabrics that have the effect. What is in the folder already is
-not made again. Everything is simulated; the effect's true size is known to the captures alone.
+not made again. Everything is simulated, the captures on another mesh than the diagnosis and the sweeps; the effect's
+true size is known to the captures alone.
 """
 
 from __future__ import annotations
@@ -72,14 +73,14 @@ class Row:
     fabrics: int
 
 
-def find_effects(out: Path, effects: Effects, resolution_m: float, known: int) -> Path:
+def find_effects(out: Path, effects: Effects, options: argparse.Namespace) -> Path:
     """Captures of a few known fabrics with the effect, diagnosed; the file with the extended simulator."""
     file = out / "simulator.json"
     if not file.exists():
-        plan = SynthesisPlan(fabrics=known, repeats=2, resolution_m=resolution_m, seed=KNOWN_SEED)
+        plan = SynthesisPlan(fabrics=options.known, repeats=2, resolution_m=options.captured, seed=KNOWN_SEED)
         make_capture_set(out / "known", plan, effects, name="known")
-        options = DiagnosisOptions(resolution_m=resolution_m)
-        found = diagnose(CaptureSet.load(out / "known"), options, cache=DrapeCache(out / "drapes"))
+        chosen = DiagnosisOptions(resolution_m=options.resolution)
+        found = diagnose(CaptureSet.load(out / "known"), chosen, cache=DrapeCache(out / "drapes"))
         (out / "report.json").write_text(json.dumps(found.report.as_json(), indent=1))
         SimulatorExtension.of(found.report).save(file)
     return file
@@ -195,9 +196,9 @@ def run(out: Path, options: argparse.Namespace) -> None:
     """Every step, then the table."""
     out.mkdir(parents=True, exist_ok=True)
     effects = [parse_effect(options.effect)]
-    simulator = find_effects(out, effects, options.resolution, options.known)
+    simulator = find_effects(out, effects, options)
     print("found:", " ".join(e.option for e in SimulatorExtension.load(simulator).effects) or "nothing", flush=True)
-    plain, changed = make_tests(out, effects, options.resolution, options.fabrics)
+    plain, changed = make_tests(out, effects, options.captured, options.fabrics)
     learn(out, "plain", None, options)
     learn(out, "extended", simulator, options)
     rows, changes = compare(out, plain, changed, range(options.seeds))
@@ -216,7 +217,8 @@ def main() -> None:
     parser.add_argument("--materials", type=int, default=128, help="fabrics of each sweep")
     parser.add_argument("--known", type=int, default=4, help="fabrics that are diagnosed")
     parser.add_argument("--fabrics", type=int, default=24, help="fabrics that are estimated")
-    parser.add_argument("--resolution", type=float, default=0.02, help="mesh cell of everything [m]")
+    parser.add_argument("--resolution", type=float, default=0.02, help="mesh cell of diagnosis and sweeps [m]")
+    parser.add_argument("--captured", type=float, default=0.5 / 30, help="mesh cell of what is captured [m]")
     parser.add_argument("--seeds", type=int, default=2, help="trainings of each estimator")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
