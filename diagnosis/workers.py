@@ -39,7 +39,7 @@ class Workers:
     def map(
         self, work: Callable[[Given], Made], items: Sequence[Given], on_done: Callable[[float], None] | None = None
     ) -> list[Made]:
-        """What ``work`` makes of every item, in their order.
+        """What ``work`` makes of every item, in their order, each in one numerical thread.
 
         Args:
             work: a function that can be pickled (as can items and what is made) where there are several workers.
@@ -54,13 +54,13 @@ class Workers:
         if self.count <= 1 or len(items) <= 1:
             made = []
             for item in items:
-                made.append(work(item))
+                made.append(_one_thread(work, item))
                 told(1.0)
             return made
         if self._pool is None:
             self._pool = ProcessPoolExecutor(self.count, mp_context=get_context("spawn"))
         try:
-            futures = [self._pool.submit(work, item) for item in items]
+            futures = [self._pool.submit(_one_thread, work, item) for item in items]
             for _ in as_completed(futures):
                 told(1.0)
             return [future.result() for future in futures]
@@ -70,6 +70,14 @@ class Workers:
                 "try fewer --workers or a coarser --resolution",
                 code="worker_died",
             ) from None
+
+
+def _one_thread(work: Callable[[Given], Made], item: Given) -> Made:
+    """Matrices here are small, and workers have the other cores: more threads cost more than they give."""
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
+
+    with threadpool_limits(1):
+        return work(item)
 
 
 ALONE = Workers(1)

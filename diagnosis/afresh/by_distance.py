@@ -71,30 +71,24 @@ def _come_on(look: FreshLook, capture: CaptureResult, effects: Sequence[Sized]) 
 
 
 def _squares(look: FreshLook, starts: Sequence[Start], scene: str) -> Array:
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
-
     capture = first_capture(look, scene)
     if capture is None:
         return np.full(len(starts), math.inf)
     task = look.result.task
     depth = next(c.depth for c in task.captures if c.id == capture.id)
     found = []
-    with threadpool_limits(1):
-        for start in starts:
-            state, changed = start(look, capture)
-            reached = look.simulator.proceed(state, task.parameters, changed)
-            found.append(state_distance(depth, reached.drape, changed) ** 2 if reached.drape.ok else math.inf)
+    for start in starts:
+        state, changed = start(look, capture)
+        reached = look.simulator.proceed(state, task.parameters, changed)
+        found.append(state_distance(depth, reached.drape, changed) ** 2 if reached.drape.ok else math.inf)
     return np.array(found)
 
 
 def _known_square(look: FreshLook, effects: Sequence[Sized], scene: str) -> float:
-    from threadpoolctl import threadpool_limits
-
     capture = first_capture(look, scene)
     if capture is None:
         return math.inf
-    with threadpool_limits(1):
-        return look.distance(capture, effects) ** 2 if look.drape(capture, effects).drape.ok else math.inf
+    return look.distance(capture, effects) ** 2 if look.drape(capture, effects).drape.ok else math.inf
 
 
 def first_capture(look: FreshLook, scene: str) -> CaptureResult | None:

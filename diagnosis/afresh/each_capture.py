@@ -1,4 +1,4 @@
-"""Every capture of one scene looked at again, in one numerical thread."""
+"""Every capture of one scene looked at again."""
 
 from __future__ import annotations
 
@@ -17,8 +17,5 @@ def each_capture(look: FreshLook, change: Callable[[FreshLook, CaptureResult], C
         change: a capture as it is now known; to work in another process it must be picklable.
         scene: whose captures are looked at.
     """
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
-
-    with threadpool_limits(1):
-        captures = [change(look, c) if c.scene == scene else c for c in look.result.captures]
+    captures = [change(look, c) if c.scene == scene else c for c in look.result.captures]
     return replace(look, result=replace(look.result, captures=tuple(captures)))

@@ -151,20 +151,17 @@ def _known(look: FreshLook, effects: Sequence[Sized]) -> float:
 
 def _left(look: FreshLook, effects: Sequence[Sized]) -> tuple[float, float, Cost]:
     """The same with magnets as stated and otherwise, both searched alike, and what that cost."""
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
-
     capture, task = _first(look), look.result.task
     assert capture is not None
     depth = next(c.depth for c in task.captures if c.id == capture.id)
     simulator, fabric = Simulator(look.simulator.cache), task.parameters
-    with threadpool_limits(1):
-        scene, known = look.seen(capture, effects), look.drape(capture, effects)
+    scene, known = look.seen(capture, effects), look.drape(capture, effects)
 
-        def near(radius_m: float) -> float:
-            held = scene.with_setup(replace(scene.setup, pin_radius_m=radius_m))
-            first = simulator.proceed(known, fabric, held) if held != scene else known
-            cold = base_states(simulator, fabric, held, known.drape.mesh)
-            return _beyond(look, capture, nearest_state(simulator, fabric, held, depth, [first, *cold])[1])
+    def near(radius_m: float) -> float:
+        held = scene.with_setup(replace(scene.setup, pin_radius_m=radius_m))
+        first = simulator.proceed(known, fabric, held) if held != scene else known
+        cold = base_states(simulator, fabric, held, known.drape.mesh)
+        return _beyond(look, capture, nearest_state(simulator, fabric, held, depth, [first, *cold])[1])
 
-        stated_m = scene.setup.pin_radius_m
-        return near(stated_m), near(other_radius_m(scene.setup, task.resolution_m)), simulator.cost
+    stated_m = scene.setup.pin_radius_m
+    return near(stated_m), near(other_radius_m(scene.setup, task.resolution_m)), simulator.cost

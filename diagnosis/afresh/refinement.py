@@ -121,11 +121,8 @@ class Search:
 
 
 def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str, through: tuple[Sized, ...]) -> FreshLook:
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
-
-    with threadpool_limits(1):
-        look = replace(look, through=through)
-        return replace(look, result=freshen(look, wanted, scene))
+    look = replace(look, through=through)
+    return replace(look, result=freshen(look, wanted, scene))
 
 
 def leader(cause: Cause) -> str | None:

@@ -7,6 +7,7 @@ import pickle
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
 
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Simulator, solver_of
@@ -36,6 +37,21 @@ def test_two_workers_keep_the_order_and_end_with_their_work() -> None:
     assert len(processes) <= 2
     assert len(done) == 3
     assert not any(Path(f"/proc/{process}").exists() for process in processes)
+
+
+def threads(item: int) -> int:
+    """Most threads that a numerical library of this process may use now."""
+    import numpy as np
+
+    np.eye(2) @ np.eye(2)
+    return max(int(pool["num_threads"]) for pool in threadpool_info())
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_each_item_is_worked_on_in_one_numerical_thread(count: int) -> None:
+    with threadpool_limits(2), Workers(count) as workers:
+        assert workers.map(threads, [1, 2]) == [1, 1]
+        assert threads(0) > 1  # the caller has its own again
 
 
 def die(item: int) -> int:
