@@ -177,10 +177,14 @@ def picture_path(folder: Path, name: str) -> Path:
     """Path of a picture named in a set, which must stay inside the folder.
 
     Raises:
-        InputError: ``path_outside_set``: absolute, with ``..`` that leads out, or a link that leads out.
+        InputError: ``path_outside_set``: absolute, with ``..`` that leads out, or a link that leads out or to itself.
     """
     path = folder / name
-    if "\0" in name or Path(name).is_absolute() or not path.resolve().is_relative_to(folder.resolve()):
+    try:
+        inside = "\0" not in name and not Path(name).is_absolute() and path.resolve().is_relative_to(folder.resolve())
+    except (RuntimeError, OSError) as error:  # a link that leads to itself: RuntimeError until Python 3.12
+        raise InputError(f"depth {name!r} cannot be followed: {error}", code="path_outside_set") from None
+    if not inside:
         raise InputError(
             f"depth {name!r} leads outside the capture set: give a path relative to the folder, inside it",
             code="path_outside_set",

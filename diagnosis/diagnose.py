@@ -10,6 +10,7 @@ from functools import partial
 from capture.capture_set import CaptureSet
 from diagnosis.afresh.alike import look_alike
 from diagnosis.afresh.beside import look_beside
+from diagnosis.afresh.found_pose import with_poses_found
 from diagnosis.afresh.fresh import FreshLook, Sized
 from diagnosis.afresh.further import look_further
 from diagnosis.afresh.grip import Grip, judge_grip, with_other_grip
@@ -41,6 +42,7 @@ from diagnosis.shrinkage.refutation import judged
 from diagnosis.shrinkage.splits import folds_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Cost, Simulator
+from diagnosis.tasks.enough import partly_seen
 from diagnosis.tasks.fabric_task import FabricResult, explain_fabric
 from diagnosis.tasks.preparation import prepare_tasks
 from diagnosis.version import MODEL_VERSION
@@ -139,6 +141,12 @@ def diagnose(
         on_forecast(forecast(tasks, kept).sentence())
     with Workers(min(options.workers, len(tasks))) as workers:
         results = workers.map(partial(explain_fabric, cache=kept), tasks, on_fabric)
+        found = with_poses_found(results)
+        if found is not None:
+            before, results = results, workers.map(partial(explain_fabric, cache=kept), found)
+            for result, first in zip(results, before, strict=True):
+                result.cost.add(first.cost)
+        assumed += partly_seen({c.id: (c.measured, c.reference) for r in results for c in r.captures})
         return conclude(
             results,
             effects,

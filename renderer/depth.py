@@ -154,7 +154,7 @@ def panel_depth(
     distance = float(normal @ origin)  # negative: the camera is on the front side
     if distance >= 0.0:
         raise InputError(
-            "the camera stands behind the panel: check camera_from_panel, or render with panel=False",
+            "the camera stands behind the panel: correct camera_from_panel",
             code="camera_behind_panel",
         )
     slope = ray_directions(camera) @ normal

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from simcore.errors import InputError
 
 LEAST_CELL_M, LARGEST_CELL_M = 1e-3, 0.1
+FEWEST_CELLS = 4
+"""Along either edge."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ class GridMesh:
                     else "no cell of 1 to 100 mm divides both of its sides: give them to a millimetre or two"
                 )
                 raise InputError(
-                    f"resolution {h} m does not divide the sample's {length} m into at least 4 whole cells: {advice}",
+                    f"resolution {h} m does not divide the sample's {length} m into at least {FEWEST_CELLS} whole "
+                    f"cells: {advice}",
                     code="resolution_does_not_divide",
                 )
 
@@ -91,15 +94,18 @@ class GridMesh:
 
 
 def _divides(cell_m: float, length_m: float) -> bool:
-    """Into whole cells, four at least."""
+    """Into whole cells, not too few."""
     cells = length_m / cell_m
-    return abs(cells - round(cells)) <= 1e-6 and round(cells) >= 4
+    return abs(cells - round(cells)) <= 1e-6 and round(cells) >= FEWEST_CELLS
 
 
 def _nearest_cell_m(cell_m: float, size_m: tuple[float, float]) -> float | None:
     """The cell nearest in proportion that divides both sides; None where none does."""
     short = min(size_m)
-    cells = (short / n for n in range(max(4, math.ceil(short / LARGEST_CELL_M)), math.floor(short / LEAST_CELL_M) + 1))
+    cells = (
+        short / n
+        for n in range(max(FEWEST_CELLS, math.ceil(short / LARGEST_CELL_M)), math.floor(short / LEAST_CELL_M) + 1)
+    )
     fit = [c for c in cells if all(_divides(c, length) for length in size_m)]
     return min(fit, key=lambda c: abs(math.log(c / cell_m)), default=None)
 

@@ -69,7 +69,12 @@ class Setup:
             )
         names = set(PIN_NAMES[self.scene])
         if set(self.pins_m) != names:
-            raise InputError(f"scene {self.scene} needs pins {', '.join(PIN_NAMES[self.scene])}", code="pins_missing")
+            surplus = ", ".join(sorted(set(self.pins_m) - names))
+            raise InputError(
+                f"scene {self.scene} needs pins {', '.join(PIN_NAMES[self.scene])}"
+                + (f" and no {surplus}" if surplus else ""),
+                code="pins_missing",
+            )
         for name, place in self.pins_m.items():
             if len(tuple(place)) != 3 or not all(math.isfinite(c) for c in place):
                 raise InputError(f"pin {name} needs three finite coordinates [m], got {place}", code="pin_position")

@@ -21,6 +21,7 @@ from diagnosis.measurement.picture import noise_square, picture_of, state_distan
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.base_state import nearest_state
 from diagnosis.simulation.drape_cache import drape_key
+from diagnosis.simulation.pose_error import pose_responses
 from diagnosis.simulation.responses import Responses, clean
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.sizes import node_weights, vector_step
@@ -329,7 +330,7 @@ def _seen_through(look: FreshLook, capture: CaptureResult, cameras: Sequence[Siz
 def at_state(look: FreshLook, capture: CaptureResult, state: KeyedDrape, near: float) -> CaptureResult:
     """A capture measured from another state, which is so near to it [m]."""
     task, scene = look.result.task, look.scene_of(capture)
-    depth = next(c.depth for c in task.captures if c.id == capture.id)
+    shown = next(c for c in task.captures if c.id == capture.id)
     seen = see_state(look.simulator, task, scene, state)
     look.coarse[capture.id] = seen.responses
     return replace(
@@ -338,8 +339,9 @@ def at_state(look: FreshLook, capture: CaptureResult, state: KeyedDrape, near: f
         reference=seen.reference,
         responses=seen.responses,
         warps=seen.warps,
-        measured=measure(depth, seen.reference),
+        measured=measure(shown.depth, seen.reference),
         rms_m=near,
+        pose=pose_responses(state.drape, scene, seen.reference, shown.pose_error_m),
     )
 
 

@@ -43,6 +43,7 @@ class NoiseModel:
         length, short_length: correlation lengths of these errors, half of their variance each, in sample sizes.
         missed_m: a capture that is further from its fold state than another repeat, by more than this, shows folds that
             were not found: it is wrong by as much more, smoothly over ``missed_length``.
+        pose_common: share of the variance of a pose found in the pictures that is the same in the repeats.
         plane_m: offset and change across the panel's picture: what a stated pose and sensor are good for.
         wide_sigma: relative uncertainty of a fabric whose stated parameters are simply wrong.
         pixel_sigma: of each pixel statistic with a stated sensor.
@@ -73,6 +74,7 @@ class NoiseModel:
     short_length: float = 0.04
     missed_m: float = 0.0003
     missed_length: float = 0.08
+    pose_common: float = 0.5
     plane_m: float = 0.0003
     wide_sigma: float = 0.6
     pixel_sigma: tuple[float, ...] = (0.02, 0.02, 0.1, 0.001, 0.03, 0.03, 0.03)
@@ -95,6 +97,9 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
     grip *= model.grip_own_share if alike else model.grip_share
     jacobian = np.vstack([stacked_jacobian(captures, sigma), held, mesh[None], grip[None]])
     total = jacobian.T @ jacobian
+    poses = [np.zeros((6, size)) if c.pose is None else c.pose for c, size in zip(captures, sizes, strict=True)]
+    together = np.concatenate(poses, axis=1)
+    total += model.pose_common * together.T @ together
     starts = np.concatenate([[0], np.cumsum(sizes)])
     for a, first in enumerate(captures):
         for b, second in enumerate(captures):
@@ -104,7 +109,7 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
         total[starts[a] : starts[a] + len(missed), starts[a] : starts[a] + len(missed)] += missed
         own = slice(starts[a], starts[a + 1])
         pins = first.responses.pins * model.pin_m
-        total[own, own] += pins.T @ pins
+        total[own, own] += pins.T @ pins + (1.0 - model.pose_common) * poses[a].T @ poses[a]
         diagonal = np.concatenate([model.floor_m**2 + sensor_variance(first), np.full(3, model.plane_m**2)])
         total[own, own][np.diag_indices(sizes[a])] += diagonal
     return np.asarray(total)

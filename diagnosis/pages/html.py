@@ -16,6 +16,7 @@ from diagnosis.inference.cause import Cause
 from diagnosis.measurement.reference import CELLS
 from diagnosis.pages.advice import advice
 from diagnosis.pages.where_figure import SURE, png_text, where_picture
+from diagnosis.report import FoundEffect
 from diagnosis.shrinkage.held_out import refitted_residual, response_of, sized
 from diagnosis.tasks.fabric_task import CaptureResult, CaptureTask
 
@@ -44,6 +45,7 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
         name=name,
         report=report,
         causes=causes,
+        sizes=[f"{effect.name}: {size_text(effect)}" for effect in report.cause.effects],
         sentence=sentence(diagnosis),
         todo=advice(diagnosis),
         pictures=_pictures(diagnosis),
@@ -52,6 +54,19 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
         assumed=diagnosis.assumed,
         bars=_bars(diagnosis),
     )
+
+
+def size_text(effect: FoundEffect) -> str:
+    """A size with its 90 % interval to three digits, lengths in millimetres; a vector component by component."""
+    factor, unit = (1e3, "mm") if effect.unit == "m" else (1.0, effect.unit)
+    size, interval = effect.magnitude, effect.interval_90
+    sizes = size if isinstance(size, dict) else {"": size}
+    ends = interval if isinstance(interval, dict) else {"": interval}
+    texts = []
+    for name, value in sizes.items():
+        low, high = (factor * end for end in ends[name])
+        texts.append(f"{name} {factor * value:.3g} {unit} (90 % interval {low:.3g} to {high:.3g})".strip())
+    return ", ".join(texts)
 
 
 def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:

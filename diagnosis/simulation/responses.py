@@ -21,7 +21,7 @@ from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.sizes import nodes, shortcuts
 from diagnosis.simulation.state_library import StateLibrary, vertex_rms
 from diagnosis.version import PIXELS_VERSION, RESPONSES_VERSION
-from simcore.parameters import FabricParameters
+from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.scenes import Setup
 
 Array = NDArray[np.float64]
@@ -274,7 +274,8 @@ class _Look:
     def common(self) -> dict[str, Array]:
         """Parameters, pins and mesh."""
         look = self.on_fine_cells if on_own_cells(self.scene) else self
-        parameters = [look.change(_stepped(self.fabric, k), self.scene) / PARAMETER_STEP for k in range(7)]
+        stepped = [_stepped(self.fabric, k) for k in range(7)]
+        parameters = [look.change(fabric, self.scene) / step for fabric, step in stepped]
         mesh = measure(picture_of(self.origin.drape, self.scene), self.reference, with_pixels=False).vector()
         return {"parameters": np.stack(parameters), "pins": look.pins(), "mesh": clean(mesh)}
 
@@ -367,10 +368,13 @@ def smaller(scene: SimulationScene) -> SimulationScene:
     return replace(scene, camera=camera.scaled(0.5))
 
 
-def _stepped(parameters: FabricParameters, index: int) -> FabricParameters:
+def _stepped(parameters: FabricParameters, index: int) -> tuple[FabricParameters, float]:
+    """With one parameter changed, and by what share: up, or down where a fabric may not be larger."""
     values = parameters.as_array()
-    values[index] *= 1 + PARAMETER_STEP
-    return FabricParameters.from_array(values)
+    most = LIMITS[PARAMETER_NAMES[index]][1]
+    step = PARAMETER_STEP if values[index] * (1 + PARAMETER_STEP) <= most else -PARAMETER_STEP
+    values[index] *= 1 + step
+    return FabricParameters.from_array(values), step
 
 
 def sensed(picture: NDArray[np.float32], scene: SimulationScene, reference: Reference) -> Features:

@@ -16,7 +16,7 @@ from diagnosis.simulation.guided import SPRINGS_PER_M, relax_towards, warp_to_pi
 from diagnosis.version import LED_VERSION
 from simcore.drape import Drape, DrapeStatus
 from simcore.mechanics import NO_JITTER, Jitter
-from simcore.mesh import GridMesh
+from simcore.mesh import FEWEST_CELLS, LARGEST_CELL_M, GridMesh
 from simcore.parameters import FabricParameters
 from simcore.solver import Solver
 
@@ -123,9 +123,10 @@ class Simulator:
         return self._keep(key, drape, began)
 
     def coarser(self, fine: KeyedDrape, fabric: FabricParameters, scene: SimulationScene) -> KeyedDrape:
-        """The same fold state on a mesh of twice the cell; ``fine`` itself where its cells are odd in number."""
+        """The same fold state on a mesh of twice the cell; ``fine`` itself where there is no such mesh."""
         mesh = fine.drape.mesh
-        if (mesh.rows - 1) % 2 or (mesh.columns - 1) % 2:
+        cells = (mesh.rows - 1, mesh.columns - 1)
+        if any(n % 2 or n < 2 * FEWEST_CELLS for n in cells) or 2 * mesh.resolution_m > LARGEST_CELL_M:
             return fine
         half = GridMesh(2 * mesh.resolution_m, mesh.size_m)
         vertices = fine.drape.vertices.reshape(mesh.rows, mesh.columns, 3)[::2, ::2].reshape(-1, 3)

@@ -15,9 +15,12 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulation.base_state import nearest_state
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.missed_folds import further_states, is_missed
+from diagnosis.simulation.pose_error import pose_responses
 from diagnosis.simulation.responses import Responses, borrowed_responses
 from diagnosis.simulation.simulator import Cost, KeyedDrape, Simulator
 from diagnosis.simulation.warps import warp_responses
+from diagnosis.tasks.enough import check_seen
+from simcore.errors import InputError
 from simcore.mechanics import Jitter
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -41,7 +44,7 @@ class CaptureTask:
         depth: picture [m], float32 [H, W].
         scene: the simulation that should give it, without effects.
         sensor_known: the capture set states the sensor's noise and steps.
-        pose_known: it states the camera's pose; otherwise that was found in the pictures.
+        pose_error_m: what the camera's pose, found in the pictures, may be off by along the panel [m]; 0: it is stated.
     """
 
     id: str
@@ -49,7 +52,12 @@ class CaptureTask:
     depth: NDArray[np.float32]
     scene: SimulationScene
     sensor_known: bool
-    pose_known: bool = True
+    pose_error_m: float = 0.0
+
+    @property
+    def pose_known(self) -> bool:
+        """The capture set states the camera's pose."""
+        return self.pose_error_m == 0.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +96,7 @@ class CaptureResult:
         base: the base state.
         pose_known: the set states the camera's pose.
         warps: see :func:`diagnosis.simulation.warps.warp_responses`.
+        pose: see :func:`diagnosis.simulation.pose_error.pose_responses`.
     """
 
     id: str
@@ -103,6 +112,7 @@ class CaptureResult:
     base: KeyedDrape
     pose_known: bool
     warps: NDArray[np.float64]
+    pose: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -129,6 +139,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
     """Simulate what could explain the captures of one fabric.
 
     Raises:
+        InputError: a capture shows too little of the cloth.
         SimulationError: no base state of a scene came to rest.
     """
     simulator = Simulator(cache)
@@ -137,12 +148,19 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
         own = [c for c in task.captures if c.scene.setup.scene.value == name]
         keys: list[str] = []
         states: list[SeenState] = []
-        for capture, (drape, rms) in zip(own, find_states(simulator, task, own), strict=True):
+        try:
+            nearest = find_states(simulator, task, own)
+        except InputError as error:
+            raise InputError(f"fabric {task.id} in {name}: {error}", code=error.code) from None
+        for capture, (drape, rms) in zip(own, nearest, strict=True):
             if drape.key not in keys:
                 keys.append(drape.key)
             state = next((s for s in states if s.drape.key == drape.key and s.scene == capture.scene), None)
+            reference = make_reference(drape.drape, capture.scene) if state is None else state.reference
+            measured = measure(capture.depth, reference)
+            check_seen(capture.id, measured, reference)
             if state is None:
-                state = see_state(simulator, task, capture.scene, drape)
+                state = see_state(simulator, task, capture.scene, drape, reference)
                 states.append(state)
             results.append(
                 CaptureResult(
@@ -150,7 +168,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                     task.id,
                     name,
                     capture.repeat,
-                    measure(capture.depth, state.reference),
+                    measured,
                     state.responses,
                     state.reference,
                     rms,
@@ -159,6 +177,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                     drape,
                     capture.pose_known,
                     state.warps,
+                    pose_responses(drape.drape, capture.scene, state.reference, capture.pose_error_m),
                 )
             )
     return FabricResult(task, tuple(results), simulator.cost)
@@ -215,9 +234,15 @@ def base_states(
     return [simulator.put_up(mesh, fabric, scene, seed, BASE_JITTER) for seed in seeds]
 
 
-def see_state(simulator: Simulator, task: FabricTask, scene: SimulationScene, drape: KeyedDrape) -> SeenState:
-    """A state's picture and responses, simulated where they are not kept."""
-    reference = make_reference(drape.drape, scene)
+def see_state(
+    simulator: Simulator,
+    task: FabricTask,
+    scene: SimulationScene,
+    drape: KeyedDrape,
+    reference: Reference | None = None,
+) -> SeenState:
+    """A state's picture (``reference``, where it was rendered already) and responses, simulated where not kept."""
+    reference = reference or make_reference(drape.drape, scene)
     picture = picture_of(drape.drape, scene)
     responses = borrowed_responses(simulator, task.parameters, scene, drape, task.effects, picture, reference)
     return SeenState(drape, scene, reference, responses, warp_responses(reference, scene.camera))

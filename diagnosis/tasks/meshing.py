@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import product
 
 from simcore.errors import InputError
+from simcore.mesh import FEWEST_CELLS
 from simcore.scenes import Setup
 
 AS_CUT_M = 0.0005
@@ -16,7 +17,6 @@ MOST_CHANGED = 0.01
 NEAR, FAR = 1.25, 2.0
 """A cell may be so many times larger or smaller than wanted."""
 FINEST_M, COARSEST_M = 0.001, 0.1
-FEWEST_CELLS = 4
 COARSE_M = 0.025
 """Cells of twice the size are of use up to this size [m]."""
 

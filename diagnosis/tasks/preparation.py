@@ -16,6 +16,8 @@ from capture.documents import FabricDocument, SensorDocument, SetupDocument
 from capture.normalise import NetworkInput
 from capture.prepare import PreparedCapture, prepare_all
 from diagnosis.scene import SimulationScene, pose_rows
+from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M
+from diagnosis.tasks.enough import check_kept
 from diagnosis.tasks.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
 from diagnosis.tasks.meshing import cell_size, on_cells
 from renderer.depth import panel_depth
@@ -69,20 +71,41 @@ def prepare_tasks(
                 pose=pose_rows(ready.registration.camera_from_panel),
                 sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m),
             )
-            depth = (
-                without_surroundings(ready.depth, ready.region.mask, scene)
-                if capture.setup.panel
-                else np.where(ready.region.mask, ready.depth, np.float32(0.0))
-            )
-            posed = capture.camera_from_panel is not None
-            items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), posed))
+            depth = _compared(ready, scene)
+            off = pose_error(capture, captures.captures)
+            items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), off))
         assumed += _recut(fabric_id, own, items)
         tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
-    if any(c.camera_from_panel is None for c in captures.captures):
-        assumed.append("the camera's pose was found in the pictures: errors of pose and axial sensor errors are hidden")
+    found = max(c.pose_error_m for task in tasks for c in task.captures)
+    if found > 0.0:
+        assumed.append(
+            f"the camera's pose was found in the pictures, to about {1e3 * found:.0f} mm along the panel: state "
+            "camera_from_panel to have errors of the pose and axial sensor errors told, and small gaps seen"
+        )
     if not all(sensor_known(c) for c in captures.captures):
         assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
     return tasks, assumed
+
+
+def pose_error(capture: Capture, captures: Sequence[Capture]) -> float:
+    """What a capture's pose may be off by along the panel [m], see :mod:`diagnosis.simulation.pose_error`."""
+    if capture.camera_from_panel is not None:
+        return 0.0
+    rig = [c for c in captures if c.camera == capture.camera and c.camera_from_panel is None]
+    return BY_CORNERS_M if any(c.scene is Scene.HANGING for c in rig) else BY_OUTLINE_M
+
+
+def _compared(ready: PreparedCapture, scene: SimulationScene) -> NDArray[np.float32]:
+    """What of a picture is compared [m], 0 elsewhere, [H, W]."""
+    if not scene.setup.panel:
+        depth = np.where(ready.region.mask, ready.depth, np.float32(0.0))
+    else:
+        try:
+            depth = without_surroundings(ready.depth, ready.region.mask, scene)
+        except InputError as error:
+            raise InputError(f"capture {ready.capture.id}: {error}", code=error.code) from None
+    check_kept(ready.capture.id, ready.depth, depth, scene)
+    return depth
 
 
 def without_surroundings(

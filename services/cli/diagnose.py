@@ -146,7 +146,7 @@ def _diagnose(
     with console.progress("simulating", total=_shown(captures)) as bar:
         found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
     make_folder(out, "give another folder for the report")
-    page = render_html(found, captures.document.name or captures.folder.name)
+    page = render_html(found, captures.document.name or captures.folder.resolve().name)
     write_atomically(out / PAGE, page.encode())
     document = found.report.as_json()
     write_atomically(out / REPORT, (json.dumps(console.to_plain(document), indent=1, allow_nan=False) + "\n").encode())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import importlib.util
 import os
@@ -118,6 +119,9 @@ def run(arguments: Sequence[str]) -> int:
         except Exception as error:  # noqa: BLE001  the outermost frame: a failure nobody foresaw still gets one line
             if debug:
                 traceback.print_exc()
+            if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+                console.error_line(f"{error.filename}: {error.strerror}; give a shorter path", "path_too_long")
+                return EXIT_BAD_INPUT
             text = f"unexpected {type(error).__name__}: {error}; `drapemeter --debug ...` shows where"
             console.error_line(text, "unexpected")
             return EXIT_FAILURE

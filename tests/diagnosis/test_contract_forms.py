@@ -94,7 +94,7 @@ def test_a_sensor_that_is_not_stated_judges_no_pixels(altered: Callable[[Change]
 def test_a_pose_that_is_not_stated_is_found(plain: CaptureSet, altered: Callable[[Change], CaptureSet]) -> None:
     stated, _ = tasks_of(plain)
     tasks, assumed = tasks_of(altered(lambda value: value["setup"].update(camera_from_panel=None)))
-    assert "the camera's pose was found in the pictures" in assumed
+    assert "the camera's pose was found in the pictures, to about 10 mm" in assumed  # no hanging pictures
     for task, known in zip(tasks, stated, strict=True):
         assert not any(c.pose_known for c in task.captures)
         for one, other in zip(task.captures, known.captures, strict=True):

@@ -158,7 +158,7 @@ def test_a_capture_whose_folds_were_not_found_is_trusted_less_than_its_repeat() 
     def capture(rms_m: float) -> Any:
         measured = SimpleNamespace(pixels=np.full(7, -7.0), weight=np.full(count, 50.0))
         return SimpleNamespace(
-            reference=reference, responses=responses, measured=measured, rms_m=rms_m, scene="stretch"
+            reference=reference, responses=responses, measured=measured, rms_m=rms_m, scene="stretch", pose=None
         )
 
     variance = np.diag(feature_covariance([capture(0.001), capture(0.003)], [0.07] * 7, NoiseModel()))

@@ -1,0 +1,132 @@
+"""A pose that was found in the pictures may be off, and that is no gap."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capture.capture_set import CaptureSet
+from diagnosis.afresh.found_pose import with_poses_found
+from diagnosis.inference.noise import NoiseModel, feature_covariance
+from diagnosis.measurement.features import measure
+from diagnosis.measurement.picture import picture_of
+from diagnosis.measurement.reference import Reference, make_reference
+from diagnosis.scene import SimulationScene
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M, TURN_RAD, pose_responses
+from diagnosis.tasks.fabric_task import FabricTask, explain_fabric
+from diagnosis.tasks.preparation import pose_error, prepare_tasks
+from renderer.pose import pose_from_rotation
+from simcore.drape import Drape
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Scene, Setup
+from simcore.solver import Solver
+from tests.diagnosis.conftest import MakeSet
+
+
+@pytest.fixture(scope="module")
+def state() -> tuple[Drape, SimulationScene, Reference]:
+    """A drape on coarse cells as the usual camera sees it."""
+    scene = SimulationScene(Setup.nominal("stretch"))
+    fabric = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2)
+    drape = Solver(GridMesh(0.025)).solve(fabric, scene.setup)
+    return drape, scene, make_reference(drape, scene)
+
+
+def test_a_stated_pose_has_no_error(state: tuple[Drape, SimulationScene, Reference]) -> None:
+    assert pose_responses(*state, 0.0) is None
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_it_is_what_a_camera_that_stands_elsewhere_sees(
+    state: tuple[Drape, SimulationScene, Reference], axis: int
+) -> None:
+    drape, scene, reference = state
+    rows = pose_responses(drape, scene, reference, 0.004)
+    assert rows is not None and rows.shape == (6, reference.count + 3)
+    move = np.where(np.arange(3) == axis, 0.004, 0.0)
+    moved = scene.with_pose(scene.camera_from_panel @ pose_from_rotation((0.0, 0.0, 0.0), move))
+    change = np.nan_to_num(measure(picture_of(drape, moved), reference, with_pixels=False).vector())
+    assert np.linalg.norm(change) > 1e-3
+    both = [np.dot(row, change) / (np.linalg.norm(row) * np.linalg.norm(change)) for row in rows[:2]]
+    assert both[axis] > 3 * abs(both[1 - axis])  # rows are the mean of both ways: rims differ
+
+
+def test_turns_are_of_half_a_hundredth(state: tuple[Drape, SimulationScene, Reference]) -> None:
+    drape, scene, reference = state
+    rows = pose_responses(drape, scene, reference, 0.004)
+    assert rows is not None
+    seen = []
+    for sign in (1, -1):
+        turned = scene.with_pose(scene.camera_from_panel @ pose_from_rotation((0.0, 0.0, sign * TURN_RAD)))
+        seen.append(np.nan_to_num(measure(picture_of(drape, turned), reference, with_pixels=False).vector()))
+    np.testing.assert_allclose(rows[5], 0.5 * (seen[0] - seen[1]), atol=1e-9)
+
+
+def test_the_errors_of_repeats_are_half_in_common() -> None:
+    count = 4
+    reference = SimpleNamespace(
+        count=count, centre=np.random.default_rng(0).random((count, 2)), slope=np.ones(count), height=np.zeros(count)
+    )
+    rows = np.zeros((8, count + 3))
+    responses = SimpleNamespace(
+        pins=rows, mesh=np.zeros(count + 3), grip=np.zeros(count + 3), parameters=np.zeros((7, count + 3))
+    )
+    pose = np.random.default_rng(1).standard_normal((6, count + 3))
+
+    def covariance(one: Any) -> Any:
+        measured = SimpleNamespace(pixels=np.full(7, -7.0), weight=np.full(count, 50.0))
+        capture: Any = SimpleNamespace(
+            reference=reference, responses=responses, measured=measured, rms_m=0.001, scene="stretch", pose=one
+        )
+        return feature_covariance([capture, capture], [0.07] * 7, NoiseModel())
+
+    more, whole = covariance(pose) - covariance(None), pose.T @ pose
+    np.testing.assert_allclose(more, np.block([[whole, 0.5 * whole], [0.5 * whole, whole]]), atol=1e-12)
+
+
+def test_hanging_pictures_of_the_same_camera_place_it_well() -> None:
+    def capture(scene: Scene, camera: str = "one", stated: bool = False) -> Any:
+        return SimpleNamespace(scene=scene, camera=camera, camera_from_panel=np.eye(4) if stated else None)
+
+    stretched, hanging = capture(Scene.STRETCH), capture(Scene.HANGING)
+    assert pose_error(stretched, [stretched]) == BY_OUTLINE_M
+    assert pose_error(stretched, [stretched, hanging]) == pose_error(hanging, [stretched, hanging]) == BY_CORNERS_M
+    assert pose_error(stretched, [stretched, capture(Scene.HANGING, "other")]) == BY_OUTLINE_M
+    assert pose_error(capture(Scene.STRETCH, stated=True), [hanging]) == 0.0
+
+
+def test_fabrics_that_are_seen_alike_say_where_the_camera_was(make_set: MakeSet, tmp_path: Path) -> None:
+    """Two fabrics' stretched pictures, poses withheld, give the pose back to a fraction of what their outlines did."""
+    captures = make_set()
+    stated = captures.captures[0].camera_from_panel
+    assert stated is not None
+    shutil.copytree(captures.folder, tmp_path / "set")
+    path = tmp_path / "set" / "captures.json"
+    value = json.loads(path.read_text())
+    value["setup"]["camera_from_panel"] = None
+    path.write_text(json.dumps(value))
+    tasks, _ = prepare_tasks(CaptureSet.load(tmp_path / "set"), ("pin_drop",), 0.02)
+    results = [explain_fabric(task, DrapeCache(tmp_path / "drapes")) for task in tasks]
+    found = with_poses_found(results)
+    assert found is not None
+    assert len({c.scene.pose for task in found for c in task.captures}) == 1  # of one camera
+
+    def off_m(one: FabricTask) -> float:
+        pose = one.captures[0].scene.camera_from_panel
+        return float(np.linalg.norm((np.linalg.inv(stated) @ pose)[:2, 3]))
+
+    assert off_m(found[0]) < 0.5 * off_m(tasks[0]), (off_m(found[0]), off_m(tasks[0]))
+
+
+def test_stated_poses_are_not_sought(make_set: MakeSet, tmp_path: Path) -> None:
+    tasks, _ = prepare_tasks(make_set(), ("pin_drop",), 0.02)
+    results = [explain_fabric(task, DrapeCache(tmp_path)) for task in tasks[:1]]
+    assert with_poses_found(results) is None
