@@ -183,7 +183,10 @@ def picture_path(folder: Path, name: str) -> Path:
     try:
         inside = "\0" not in name and not Path(name).is_absolute() and path.resolve().is_relative_to(folder.resolve())
     except (RuntimeError, OSError) as error:  # a link that leads to itself: RuntimeError until Python 3.12
-        raise InputError(f"depth {name!r} cannot be followed: {error}", code="path_outside_set") from None
+        raise InputError(
+            f"depth {name!r} cannot be followed ({error}): put the picture itself into the folder",
+            code="path_outside_set",
+        ) from None
     if not inside:
         raise InputError(
             f"depth {name!r} leads outside the capture set: give a path relative to the folder, inside it",

@@ -102,10 +102,8 @@ def _divides(cell_m: float, length_m: float) -> bool:
 def _nearest_cell_m(cell_m: float, size_m: tuple[float, float]) -> float | None:
     """The cell nearest in proportion that divides both sides; None where none does."""
     short = min(size_m)
-    cells = (
-        short / n
-        for n in range(max(FEWEST_CELLS, math.ceil(short / LARGEST_CELL_M)), math.floor(short / LEAST_CELL_M) + 1)
-    )
+    fewest, most = max(FEWEST_CELLS, math.ceil(short / LARGEST_CELL_M)), math.floor(short / LEAST_CELL_M)
+    cells = (short / n for n in range(fewest, most + 1))
     fit = [c for c in cells if all(_divides(c, length) for length in size_m)]
     return min(fit, key=lambda c: abs(math.log(c / cell_m)), default=None)
 

@@ -21,7 +21,8 @@ from diagnosis.tasks.fabric_task import CaptureResult, CaptureTask, FabricResult
 
 Array = NDArray[np.float64]
 ALONG = [0, 1, 5]
-"""What is found again: shifts along the panel and the turn about its normal. The panel shows the rest."""
+"""What is found again: shifts along the panel and the turn about its normal. The panel shows the rest; without
+one the pose's error grants it (:mod:`diagnosis.simulation.pose_error`)."""
 ROUNDS = 8
 NO_FURTHER = 0.05
 """A step of fewer standard deviations is the last."""

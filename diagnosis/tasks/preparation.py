@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -72,7 +72,7 @@ def prepare_tasks(
                 sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m),
             )
             depth = _compared(ready, scene)
-            off = pose_error(capture, captures.captures)
+            off = pose_error(ready, prepared.values())
             items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), off))
         assumed += _recut(fabric_id, own, items)
         tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
@@ -87,12 +87,16 @@ def prepare_tasks(
     return tasks, assumed
 
 
-def pose_error(capture: Capture, captures: Sequence[Capture]) -> float:
-    """What a capture's pose may be off by along the panel [m], see :mod:`diagnosis.simulation.pose_error`."""
-    if capture.camera_from_panel is not None:
+def pose_error(ready: PreparedCapture, prepared: Iterable[PreparedCapture]) -> float:
+    """What a capture's pose may be off by along the panel [m], see :mod:`diagnosis.simulation.pose_error`.
+
+    It is as good as corners show it where a hanging picture gave the same pose.
+    """
+    if ready.capture.camera_from_panel is not None:
         return 0.0
-    rig = [c for c in captures if c.camera == capture.camera and c.camera_from_panel is None]
-    return BY_CORNERS_M if any(c.scene is Scene.HANGING for c in rig) else BY_OUTLINE_M
+    pose = ready.registration.camera_from_panel
+    shared = [p for p in prepared if np.array_equal(p.registration.camera_from_panel, pose)]
+    return BY_CORNERS_M if any(p.capture.scene is Scene.HANGING for p in shared) else BY_OUTLINE_M
 
 
 def _compared(ready: PreparedCapture, scene: SimulationScene) -> NDArray[np.float32]:

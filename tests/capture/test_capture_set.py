@@ -174,6 +174,7 @@ def test_a_bad_picture_is_found_when_the_set_is_loaded(
         (set_key("captures/0/depth", "/etc/hostname"), "path_outside_set"),
         (set_key("captures/0/depth", "a\0b"), "path_outside_set"),
         (set_key("captures/0/depth", "link.png"), "path_outside_set"),
+        (set_key("captures/0/depth", "itself.png"), "path_outside_set"),
         (set_key("setup/camera_from_panel", [[1.0, 0, 0, 0]] * 4), "pose"),
         (set_key("setup/sample_size_m", [50.0, 50.0]), "sample_size"),
         (set_key("setup/pin_radius_m", 0.4), "pin_radius"),
@@ -185,6 +186,7 @@ def test_bad_values_are_refused_and_say_which_capture(make_set: MakeSet, change:
     folder = make_set(change)
     (folder.parent / "outside.png").write_bytes((folder / "f1-hanging-0.png").read_bytes())
     (folder / "link.png").symlink_to(folder.parent / "outside.png")
+    (folder / "itself.png").symlink_to("itself.png")
     with pytest.raises(InputError) as caught:
         CaptureSet.load(folder)
     assert caught.value.code == code

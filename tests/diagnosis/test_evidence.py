@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +15,7 @@ from diagnosis.inference.evidence import tabulate, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel, feature_covariance
 from diagnosis.simulation.sizes import FITTED_SHARE, node_weights, nodes
+from tests.diagnosis.bare_capture import BARE_CELLS, bare_capture
 
 COUNT = 60
 FABRICS = 4
@@ -146,23 +145,8 @@ def test_effects_that_change_pixels_one_by_one_are_of_the_sensor() -> None:
 
 
 def test_a_capture_whose_folds_were_not_found_is_trusted_less_than_its_repeat() -> None:
-    count = 9
-    reference = SimpleNamespace(
-        count=count, centre=np.random.default_rng(0).random((count, 2)), slope=np.ones(count), height=np.zeros(count)
-    )
-    rows = np.zeros((8, count + 3))
-    responses = SimpleNamespace(
-        pins=rows, mesh=np.zeros(count + 3), grip=np.zeros(count + 3), parameters=np.zeros((7, count + 3))
-    )
-
-    def capture(rms_m: float) -> Any:
-        measured = SimpleNamespace(pixels=np.full(7, -7.0), weight=np.full(count, 50.0))
-        return SimpleNamespace(
-            reference=reference, responses=responses, measured=measured, rms_m=rms_m, scene="stretch", pose=None
-        )
-
-    variance = np.diag(feature_covariance([capture(0.001), capture(0.003)], [0.07] * 7, NoiseModel()))
-    found, missed = variance[:count], variance[count + 3 : 2 * count + 3]
+    variance = np.diag(feature_covariance([bare_capture(0.001), bare_capture(0.003)], [0.07] * 7, NoiseModel()))
+    found, missed = variance[:BARE_CELLS], variance[BARE_CELLS + 3 : 2 * BARE_CELLS + 3]
     np.testing.assert_allclose(missed - found, 0.003**2 - 0.001**2)
 
 

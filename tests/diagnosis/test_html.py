@@ -16,7 +16,7 @@ from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.isolability import REMEDIES
 from diagnosis.pages.advice import KIND_CHECKS, REGION_CHECKS, STAGE_CHECKS, advice, strongest
-from diagnosis.pages.html import render_html, sentence
+from diagnosis.pages.html import render_html, sentence, size_text
 from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap
 from tests.diagnosis.where_blocks import CURL, EFFECTS, make_blocks, make_pixels
 
@@ -189,3 +189,18 @@ def test_a_declared_twin_that_is_as_likely_is_told_of_and_counts_with_what_is_na
 def test_where_nothing_is_found_in_a_wide_gap_the_sentence_says_why_that_is_no_contradiction() -> None:
     assert "stated of the fabrics" in told("none", 0.9, detected=False, value=3.0)
     assert "stated of the fabrics" not in told("none", 0.9, detected=False, value=0.6)
+
+
+def test_sizes_are_told_to_three_digits_and_lengths_in_millimetres() -> None:
+    length = FoundEffect(
+        name="pin_spacing", stage="setup", magnitude=0.0055841581, unit="m", interval_90=(0.003732209, 0.008349146)
+    )
+    assert size_text(length) == "5.58 mm (90 % interval 3.73 to 8.35)"
+    turn = FoundEffect(
+        name="camera_rotation",
+        stage="camera",
+        magnitude={"rx": 0.61, "ry": -0.2},
+        unit="deg",
+        interval_90={"rx": (0.35, 0.86), "ry": (-0.4, 0.1)},
+    )
+    assert size_text(turn) == "rx 0.61 deg (90 % interval 0.35 to 0.86), ry -0.2 deg (90 % interval -0.4 to 0.1)"

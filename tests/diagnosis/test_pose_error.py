@@ -28,6 +28,7 @@ from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene, Setup
 from simcore.solver import Solver
+from tests.diagnosis.bare_capture import BARE_CELLS, bare_capture
 from tests.diagnosis.conftest import MakeSet
 
 
@@ -71,36 +72,26 @@ def test_turns_are_of_half_a_hundredth(state: tuple[Drape, SimulationScene, Refe
 
 
 def test_the_errors_of_repeats_are_half_in_common() -> None:
-    count = 4
-    reference = SimpleNamespace(
-        count=count, centre=np.random.default_rng(0).random((count, 2)), slope=np.ones(count), height=np.zeros(count)
-    )
-    rows = np.zeros((8, count + 3))
-    responses = SimpleNamespace(
-        pins=rows, mesh=np.zeros(count + 3), grip=np.zeros(count + 3), parameters=np.zeros((7, count + 3))
-    )
-    pose = np.random.default_rng(1).standard_normal((6, count + 3))
+    pose = np.random.default_rng(1).standard_normal((6, BARE_CELLS + 3))
 
-    def covariance(one: Any) -> Any:
-        measured = SimpleNamespace(pixels=np.full(7, -7.0), weight=np.full(count, 50.0))
-        capture: Any = SimpleNamespace(
-            reference=reference, responses=responses, measured=measured, rms_m=0.001, scene="stretch", pose=one
-        )
-        return feature_covariance([capture, capture], [0.07] * 7, NoiseModel())
+    def covariance(one: np.ndarray | None) -> np.ndarray:
+        return feature_covariance([bare_capture(0.001, one)] * 2, [0.07] * 7, NoiseModel())
 
     more, whole = covariance(pose) - covariance(None), pose.T @ pose
     np.testing.assert_allclose(more, np.block([[whole, 0.5 * whole], [0.5 * whole, whole]]), atol=1e-12)
 
 
-def test_hanging_pictures_of_the_same_camera_place_it_well() -> None:
-    def capture(scene: Scene, camera: str = "one", stated: bool = False) -> Any:
-        return SimpleNamespace(scene=scene, camera=camera, camera_from_panel=np.eye(4) if stated else None)
+def test_a_pose_that_hanging_pictures_share_is_found_well() -> None:
+    def ready(scene: Scene, pose: np.ndarray, stated: bool = False) -> Any:
+        capture = SimpleNamespace(scene=scene, camera_from_panel=pose if stated else None)
+        return SimpleNamespace(capture=capture, registration=SimpleNamespace(camera_from_panel=pose))
 
-    stretched, hanging = capture(Scene.STRETCH), capture(Scene.HANGING)
+    pose, other = np.eye(4), pose_from_rotation((0.0, 0.0, 0.0), (0.01, 0.0, 0.0))
+    stretched, hanging = ready(Scene.STRETCH, pose), ready(Scene.HANGING, pose)
     assert pose_error(stretched, [stretched]) == BY_OUTLINE_M
     assert pose_error(stretched, [stretched, hanging]) == pose_error(hanging, [stretched, hanging]) == BY_CORNERS_M
-    assert pose_error(stretched, [stretched, capture(Scene.HANGING, "other")]) == BY_OUTLINE_M
-    assert pose_error(capture(Scene.STRETCH, stated=True), [hanging]) == 0.0
+    assert pose_error(stretched, [stretched, ready(Scene.HANGING, other)]) == BY_OUTLINE_M  # registered by itself
+    assert pose_error(ready(Scene.STRETCH, pose, stated=True), [hanging]) == 0.0
 
 
 def test_fabrics_that_are_seen_alike_say_where_the_camera_was(make_set: MakeSet, tmp_path: Path) -> None:

@@ -112,6 +112,12 @@ def test_a_usage_error_of_a_subcommand_names_its_own_help(
     assert f"`{hint}`" in said
 
 
+def test_a_path_that_the_system_does_not_take_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["diagnose", "x" * 300, "--out", "out"]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and "give a shorter path [path_too_long]" in line
+
+
 def test_json_keeps_other_prints_off_standard_output(
     probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str]
 ) -> None:

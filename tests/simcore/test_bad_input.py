@@ -115,7 +115,7 @@ def test_scenes_and_set_ups() -> None:
     assert refused(lambda: replace(HANGING, sample_size_m=(0.5, -0.5)), "sample size").code == "sample_size"
     assert refused(lambda: replace(HANGING, sample_size_m=(0.5, math.nan)), "sample size").code == "sample_size"
     assert refused(lambda: Setup(Scene.STRETCH, pins_m=HANGING.pins_m), "bottom_right").code == "pins_missing"
-    assert refused(lambda: HANGING.with_pins(middle=(0.0, 0.0, 0.0)), "pins").code == "pins_missing"
+    assert refused(lambda: HANGING.with_pins(middle=(0.0, 0.0, 0.0)), "and no middle").code == "pins_missing"
     for place in ((math.nan, 0.0, 0.0), (0.0, 0.0), (math.inf, 0.0, 0.0)):
         refused(lambda place=place: HANGING.with_pins(top_left=place), "top_left")
 
