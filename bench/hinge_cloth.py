@@ -1,8 +1,8 @@
 """Another simulator of cloth, to hold the diagnosis against: nothing of the solver's physics or of its way to rest.
 
-Irregular triangles of constant strain, hinges for bending (Grinspun et al. 2003), magnets that hold a point, a panel
-that pushes back like a spring, dynamics with damping until nothing moves. Slow and plain; for ``bench`` alone. What it
-takes over are the meaning of the parameters (``docs/conventions.md``) and the sparse factorisation.
+Irregular triangles of constant strain, plates that feel curvature by the angles at their sides, magnets that hold a
+point, a panel that pushes back like a spring, dynamics with damping until nothing moves. Slow and plain; for ``bench``
+alone. What it takes over are the meaning of the parameters (``docs/conventions.md``) and the sparse factorisation.
 """
 
 from __future__ import annotations
@@ -79,6 +79,62 @@ def _hinges(triangles: Ints) -> Ints:
     return np.array([(a, b, opposite[a, b], opposite[b, a]) for a, b in opposite if a < b and (b, a) in opposite])
 
 
+@dataclass(frozen=True)
+class Patches:
+    """Triangles with a hinge on each of their three sides, and the few hinges that belong to none.
+
+    Attributes:
+        hinges: numbers of each triangle's hinges, [patches, 3].
+        lone: numbers of the hinges of no such triangle, at the rim, [lone].
+        areas, lone_areas: what each stands for [m2]: a triangle at the rim goes to its hinges' in equal parts.
+        vertices: of each triangle and of each lone hinge, six, some twice, [patches + lone, 6].
+        slots: where among them the vertices of its hinges stand, [patches + lone, 3, 4].
+    """
+
+    hinges: Ints
+    lone: Ints
+    areas: Array
+    lone_areas: Array
+    vertices: Ints
+    slots: Ints
+
+    @classmethod
+    def of(cls, mesh: Mesh, area: Array) -> Patches:
+        """The patches of a mesh with these areas of its triangles."""
+        place = {(min(a, b), max(a, b)): k for k, (a, b, _, _) in enumerate(mesh.edges.tolist())}
+        sides = [
+            [place[key] for key in ((min(p), max(p)) for p in ((a, b), (b, c), (c, a))) if key in place]
+            for a, b, c in mesh.triangles.tolist()
+        ]
+        whole = [k for k, own in enumerate(sides) if len(own) == 3]
+        hinges = np.array([sides[k] for k in whole])
+        lone = np.setdiff1d(np.arange(len(mesh.edges)), hinges)
+        owner = {h: k for k, own in enumerate([*hinges.tolist(), *([h] for h in lone.tolist())]) for h in own}
+        areas = np.concatenate([area[whole], np.zeros(len(lone))])
+        for own, size in zip(sides, area, strict=True):
+            for h in own if len(own) < 3 else ():
+                areas[owner[h]] += size / len(own)
+        vertices, slots = [], []
+        for own in [*hinges.tolist(), *([h] * 3 for h in lone.tolist())]:
+            fours = mesh.edges[own].tolist()
+            six = list(dict.fromkeys(k for four in fours for k in four))
+            vertices.append((six + six)[:6])
+            slots.append([[six.index(k) for k in four] for four in fours])
+        count = len(hinges)
+        return cls(hinges, lone, areas[:count], areas[count:], np.array(vertices), np.array(slots))
+
+
+def _rigidity(fabric: FabricParameters) -> Array:
+    """Of a plate, [3, 3] [N m]: moments along weft, along warp and of twist per curvature.
+
+    A cylinder cannot tell Poisson's effect from twist: shared as hinges of all directions would, where that is stable.
+    """
+    weft, warp = fabric.bending_weft, fabric.bending_warp
+    mixed = 4.0 * fabric.bending_bias - weft - warp
+    across = min(mixed / 6.0, 0.9 * math.sqrt(weft * warp)) if mixed > 0 else 0.5 * mixed
+    return np.array([[weft, across, 0.0], [across, warp, 0.0], [0.0, 0.0, mixed - 2.0 * across]])
+
+
 class HingeCloth:
     """One fabric in one scene.
 
@@ -112,34 +168,41 @@ class HingeCloth:
         self.stiffening = mechanics.stiffening_strain
 
     def _bending(self, fabric: FabricParameters, mechanics: Mechanics) -> None:
-        """Stiffness of each hinge, so that a cylinder bent along any direction is as stiff as stated, and its rest."""
-        uv, edges = self.mesh.uv, self.mesh.edges
-        along = uv[edges[:, 1]] - uv[edges[:, 0]]
-        length = np.linalg.norm(along, axis=1)
-        outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
-        sides = [np.abs((outward * (uv[edges[:, k]] - uv[edges[:, 0]])).sum(axis=1)) for k in (2, 3)]
-        apart = (sides[0] + sides[1]) / length / 3.0
-        across = outward / length[:, None]
-        angle = np.arctan2(across[:, 0], across[:, 1]) + mechanics.off_grain_rad  # from warp
-        weft, warp, bias = fabric.bending_weft, fabric.bending_warp, fabric.bending_bias
-        mean, two, four = (warp + weft + 2 * bias) / 4, (warp - weft) / 2, (warp + weft - 2 * bias) / 4
-        # on equilateral triangles a hinge's angle goes with the curvature across less a third of that along it
-        stiffness = np.maximum(mean + 1.5 * two * np.cos(2 * angle) + 3.0 * four * np.cos(4 * angle), 0.1 * mean)
-        self.hinge = 4.0 / 3.0 * stiffness * (sides[0] + sides[1]) / 6.0 / apart**2
-        # irregular ones are too stiff: made right in the mean over directions
-        felt = [float(self.hinge @ self._quadratic(math.sin(t), math.cos(t)) ** 2) for t in np.pi / 8 * np.arange(8)]
-        self.hinge *= mean * float(self.area.sum()) / float(np.mean(felt))
-        self.rest_angle = np.zeros(len(edges))
+        """A triangle's curvature is what its three hinges say together, its energy that of an orthotropic plate.
+
+        Angles off their rest, at ``hinges`` [elements, 3], times ``plate`` [elements, 3, 3] are moments [N m]. A sheet
+        bent to a cylinder along any direction is as stiff as stated, whatever the mesh. (Stiffnesses of single hinges
+        cannot be: edges of three directions know nothing that goes round four times, as bias against warp and weft.)
+        """
+        turn = mechanics.off_grain_rad
+        u, v = (self.mesh.uv @ np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])).T
+        # angles per curvature along weft, along warp and of twist, [hinges, 3]
+        unit = np.stack([self._flat_angles(height) for height in (0.5 * u**2, 0.5 * v**2, u * v)], axis=1)
+        rigid = _rigidity(fabric)
+        patches = Patches.of(self.mesh, self.area)
+        back = np.linalg.inv(unit[patches.hinges])
+        plate = patches.areas[:, None, None] * (back.transpose(0, 2, 1) @ rigid @ back)
+        # a lone hinge bends as a cylinder does whose axis it is
+        ends = self.mesh.edges[patches.lone][:, :2]
+        du, dv = u[ends[:, 1]] - u[ends[:, 0]], v[ends[:, 1]] - v[ends[:, 0]]
+        bent = np.stack([dv**2, du**2, -du * dv], axis=1) / (du**2 + dv**2)[:, None]
+        lone = np.zeros((len(bent), 3, 3))
+        felt = np.einsum("hi,ij,hj->h", bent, rigid, bent)
+        lone[:, 0, 0] = patches.lone_areas * felt / (unit[patches.lone] * bent).sum(axis=1) ** 2
+        self.plate = np.concatenate([plate, lone])
+        self.hinges = np.concatenate([patches.hinges, np.repeat(patches.lone[:, None], 3, axis=1)])
+        self.patches, self.slots = patches.vertices, patches.slots
+        self.rest_angle = np.zeros(len(self.mesh.edges))
         for field in mechanics.rest_curvature:
             if not isinstance(field, UniformCurvature):
                 raise ValueError(f"this simulator has no {type(field).__name__}")
-            self.rest_angle += field.weft * self._quadratic(1.0, 0.0) + field.warp * self._quadratic(0.0, 1.0)
+            u, v = self.mesh.uv.T
+            self.rest_angle += self._flat_angles(0.5 * (field.weft * u**2 + field.warp * v**2))
 
-    def _quadratic(self, u: float, v: float) -> Array:
-        """Angles per curvature [m] when the sheet is bent to a cylinder across the direction (u, v), [hinges]."""
+    def _flat_angles(self, height: Array) -> Array:
+        """Angles of the flat sheet per height [m] given to its vertices, [hinges]."""
         uv, little = self.mesh.uv, 1e-6
-        height = 0.5 * little * (uv @ np.array([u, v])) ** 2
-        return self._angles(np.stack([uv[:, 0], -uv[:, 1], height], axis=1))[0] / little
+        return self._angles(np.stack([uv[:, 0], -uv[:, 1], little * height], axis=1))[0] / little
 
     def _loads(self, fabric: FabricParameters, mechanics: Mechanics) -> None:
         """Mass, and force on every vertex."""
@@ -175,7 +238,7 @@ class HingeCloth:
     def _pattern(self) -> None:
         """Where each number of the elements' Hessians goes in the upper triangle of the whole."""
         rows, columns = [], []
-        for ids in (self.mesh.triangles, self.mesh.edges):
+        for ids in (self.mesh.triangles, self.patches):
             dofs = (3 * ids[:, :, None] + np.arange(3)).reshape(len(ids), -1)
             rows.append(np.repeat(dofs, dofs.shape[1], axis=1).ravel())
             columns.append(np.tile(dofs, (1, dofs.shape[1])).ravel())
@@ -244,16 +307,21 @@ class HingeCloth:
         return total, gradient, h, ids
 
     def _bent(self, x: Array, hessian: bool) -> tuple[float, Array, Array | None, Ints]:
-        """Hinges; angle and its gradient after Bridson et al. 2003; Gauss and Newton's Hessian."""
+        """Triangles' curvatures from hinges; angle and its gradient after Bridson et al. 2003; Gauss and Newton's
+        Hessian, of patches."""
         ids = self.mesh.edges
         angle, rate = self._angles(x)
-        off = angle - self.rest_angle
-        total = 0.5 * float(self.hinge @ off**2)
-        gradient = (self.hinge * off)[:, None, None] * rate
+        off = (angle - self.rest_angle)[self.hinges]
+        moment = np.einsum("tij,tj->ti", self.plate, off)
+        total = 0.5 * float((moment * off).sum())
+        felt = np.bincount(self.hinges.ravel(), moment.ravel(), minlength=len(ids))
+        gradient = felt[:, None, None] * rate
         if not hessian:
             return total, gradient, None, ids
-        flat = rate.reshape(len(ids), 12)
-        return total, gradient, self.hinge[:, None, None] * flat[:, :, None] * flat[:, None, :], ids
+        spread = np.zeros((*self.hinges.shape, 6, 3))
+        np.put_along_axis(spread, self.slots[..., None], rate[self.hinges], axis=2)
+        flat = spread.reshape(len(spread), 3, 18)
+        return total, gradient, flat.transpose(0, 2, 1) @ (self.plate @ flat), ids
 
     def _angles(self, x: Array) -> tuple[Array, Array]:
         """Angle of every hinge [rad], positive where the sheet's sides bend to the camera, and its gradient

@@ -35,7 +35,8 @@ class FaultProxy:
         self._open: set[socket.socket] = set()
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._listener.getsockname()[1])
-        threading.Thread(target=self._accept, daemon=True).start()
+        self._accepting = threading.Thread(target=self._accept, daemon=True)
+        self._accepting.start()
 
     @property
     def down(self) -> bool:
@@ -52,7 +53,9 @@ class FaultProxy:
     def stop(self) -> None:
         """End all connections and listen no more."""
         self.down = True
+        self._listener.shutdown(socket.SHUT_RDWR)  # closing alone does not wake the thread that waits
         self._listener.close()
+        self._accepting.join()
 
     def _accept(self) -> None:
         while True:
