@@ -9,6 +9,7 @@ from functools import partial
 from diagnosis.afresh.each_capture import each_capture
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
 from diagnosis.afresh.refinement import alike, leader
+from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effects import get_effect
 from diagnosis.groups import group_of
 from diagnosis.inference.cause import Cause
@@ -39,7 +40,7 @@ def look_beside(
         return dict(looks)
     measured = partial(_measured, first=(first, cause.evidence[first].size))
     work = partial(each_capture, change=measured, scene=scene)
-    return dict(zip(looks, workers.map(work, list(looks.values())), strict=True))
+    return dict(zip(looks, side_by_side(work, list(looks.values()), workers), strict=True))
 
 
 def _measured(look: FreshLook, capture: CaptureResult, first: Sized) -> CaptureResult:

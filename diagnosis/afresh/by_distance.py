@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.afresh.fresh import FreshLook, Sized
+from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.measurement.picture import state_distance
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.simulator import KeyedDrape
@@ -50,14 +51,15 @@ def squares_from(
         workers: that simulate fabrics side by side.
     """
     work = partial(_squares, starts=starts, scene=scene)
-    return np.stack(workers.map(work, list(looks.values())), axis=1)
+    return np.stack(side_by_side(work, list(looks.values()), workers), axis=1)
 
 
 def known_squares(
     looks: Mapping[str, FreshLook], effects: Sequence[Sized], scene: str, workers: Workers = ALONE
 ) -> Array:
     """The same from the nearest simulations with effects on, as :meth:`FreshLook.drape` finds them [m²], [fabrics]."""
-    return np.array(workers.map(partial(_known_square, effects=effects, scene=scene), list(looks.values())))
+    work = partial(_known_square, effects=effects, scene=scene)
+    return np.array(side_by_side(work, list(looks.values()), workers))
 
 
 def most(trial: Array, before: Array) -> float:

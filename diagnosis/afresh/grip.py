@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
+from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
 from diagnosis.measurement.picture import noise_square
 from diagnosis.simulation.base_state import nearest_state
 from diagnosis.simulation.responses import other_radius_m
-from diagnosis.simulation.simulator import Cost, Simulator
 from diagnosis.tasks.fabric_task import CaptureResult, FabricTask, base_states
 from diagnosis.workers import ALONE, Workers
 
@@ -93,11 +93,9 @@ def judge_grip(looks: Mapping[str, FreshLook], cause: Cause, workers: Workers = 
         return None
     stated, other = [*known.T], []  # [explanations][fabrics]
     for effects in tried:  # none first: as a rule that is enough
-        searched = workers.map(partial(_left, effects=effects), able)
-        for look, (_, _, cost) in zip(able, searched, strict=True):
-            look.simulator.cost.add(cost)
-        stated.append(np.array([one for one, _, _ in searched]))
-        other.append(np.array([two for _, two, _ in searched]))
+        searched = side_by_side(partial(_left, effects=effects), able, workers)
+        stated.append(np.array([one for one, _ in searched]))
+        other.append(np.array([two for _, two in searched]))
         grip = Grip(_best(stated), _best(other))
         if grip.otherwise:
             break
@@ -149,12 +147,12 @@ def _known(look: FreshLook, effects: Sequence[Sized]) -> float:
     return _beyond(look, capture, look.distance(capture, effects) if effects else capture.rms_m)
 
 
-def _left(look: FreshLook, effects: Sequence[Sized]) -> tuple[float, float, Cost]:
-    """The same with magnets as stated and otherwise, both searched alike, and what that cost."""
+def _left(look: FreshLook, effects: Sequence[Sized]) -> tuple[float, float]:
+    """The same with magnets as stated and otherwise, both searched alike."""
     capture, task = _first(look), look.result.task
     assert capture is not None
     depth = next(c.depth for c in task.captures if c.id == capture.id)
-    simulator, fabric = Simulator(look.simulator.cache), task.parameters
+    simulator, fabric = look.simulator, task.parameters
     scene, known = look.seen(capture, effects), look.drape(capture, effects)
 
     def near(radius_m: float) -> float:
@@ -164,4 +162,4 @@ def _left(look: FreshLook, effects: Sequence[Sized]) -> tuple[float, float, Cost
         return _beyond(look, capture, nearest_state(simulator, fabric, held, depth, [first, *cold])[1])
 
     stated_m = scene.setup.pin_radius_m
-    return near(stated_m), near(other_radius_m(scene.setup, task.resolution_m)), simulator.cost
+    return near(stated_m), near(other_radius_m(scene.setup, task.resolution_m))

@@ -11,6 +11,7 @@ from diagnosis.afresh.fresh import FreshLook, is_mechanical
 from diagnosis.afresh.further import leaves_much, look_further
 from diagnosis.afresh.once import Weigh as Name
 from diagnosis.afresh.refinement import Weigh
+from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
 from diagnosis.simulation.responses import probe_responses
@@ -42,12 +43,12 @@ def look_probed(
     if not is_open(before):
         return dict(looks)
     probe = partial(each_capture, change=_probed, scene=scene)
-    probed = dict(zip(looks, workers.map(probe, list(looks.values())), strict=True))
+    probed = dict(zip(looks, side_by_side(probe, list(looks.values()), workers), strict=True))
     if leaves_much(before) or not leaves_much(name([look.result for look in probed.values()])):
         return probed
     tried = look_further(probed, weigh, name, scene, workers)
     # folds that the trial found have no probes yet
-    return dict(zip(tried, workers.map(probe, list(tried.values())), strict=True))
+    return dict(zip(tried, side_by_side(probe, list(tried.values()), workers), strict=True))
 
 
 def is_open(cause: Cause) -> bool:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from diagnosis.afresh.fresh import FreshLook, Sized, freshen, is_mechanical, moves_camera
+from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
@@ -117,7 +118,7 @@ class Search:
         for name, size in wanted:
             self.seen.setdefault(name, []).append(size)
         work = partial(_looked_again, wanted=wanted, scene=self.scene, through=through)
-        return dict(zip(looks, self.workers.map(work, list(looks.values())), strict=True))
+        return dict(zip(looks, side_by_side(work, list(looks.values()), self.workers), strict=True))
 
 
 def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str, through: tuple[Sized, ...]) -> FreshLook:

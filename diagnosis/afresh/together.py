@@ -13,6 +13,7 @@ from diagnosis.afresh.each_capture import each_capture
 from diagnosis.afresh.fresh import FreshLook, Sized, bend, bent, in_nearest_folds, is_mechanical, with_effects
 from diagnosis.afresh.once import Weigh
 from diagnosis.afresh.refinement import alike
+from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.groups import NOT_EFFECTS
@@ -67,7 +68,7 @@ def with_pairs(
 ) -> dict[str, FreshLook]:
     """Fabrics with what pairs of effects do together, at the sizes they have, in all captures of a scene."""
     work = partial(each_capture, change=partial(with_both, pairs=pairs), scene=scene)
-    return dict(zip(looks, workers.map(work, list(looks.values())), strict=True))
+    return dict(zip(looks, side_by_side(work, list(looks.values()), workers), strict=True))
 
 
 def candidates(cause: Cause, nats: float = SOLVED_NATS) -> list[Pair]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.afresh.fresh import FreshLook, Sized
+from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.gap.floor import repeat_squares
@@ -34,7 +36,7 @@ class Judge:
     """Takes effects out of blocks: by fresh simulation where it has the fabric's states, else by known responses.
 
     Attributes:
-        looks: by fabric; empty: nothing is simulated. What was simulated elsewhere takes its place here.
+        looks: by fabric; empty: nothing is simulated.
         workers: that simulate fabrics side by side.
     """
 
@@ -45,15 +47,9 @@ class Judge:
         """Simulate what :meth:`response` will be asked for: of the blocks, by fabric the effects."""
         if self.workers.count <= 1 or not effects.keys() <= self.looks.keys():
             return
-        wanted = [
-            (
-                self.looks[fabric],
-                [name for b in blocks if b.fabric == fabric for name in b.captures],
-                list(effects[fabric]),
-            )
-            for fabric in effects
-        ]
-        self.looks.update(zip(effects, self.workers.map(_looked_at, wanted), strict=True))
+        captures = [name for block in blocks for name in block.captures]
+        work = partial(_simulate, captures=captures, effects=effects)
+        side_by_side(work, [self.looks[fabric] for fabric in effects], self.workers)
 
     def response(self, block: Block, effects: Sequence[Sized]) -> Array:
         """Change of a block's measurements by effects together [m], [n]."""
@@ -68,14 +64,12 @@ class Judge:
         return np.asarray(changes[block.owner, block.cell])
 
 
-def _looked_at(wanted: tuple[FreshLook, list[str], list[Sized]]) -> FreshLook:
-    """A fabric with some effects on, simulated for some of its captures."""
-    look, captures, effects = wanted
-    shown = on_shapes(effects)
+def _simulate(look: FreshLook, captures: Sequence[str], effects: Mapping[str, Sequence[Sized]]) -> None:
+    """A fabric with its effects on, for some of the captures."""
+    shown = on_shapes(effects[look.result.task.id])
     for capture in look.result.captures:
         if shown and capture.id in captures:
             look.drape(capture, shown)
-    return look
 
 
 def on_shapes(effects: Sequence[Sized]) -> list[Sized]:

@@ -91,8 +91,10 @@ def a_trial(leader: str, then: tuple[str, ...], known: tuple[float, ...] = ()) -
     class Simulating:
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
             assert all(item is not first for item in items)  # it would learn what is only on trial
-            simulated.extend((name, round(size["magnitude"], 2)) for name, size in work.keywords["wanted"])
-            return [other]
+            simulated.extend(
+                (name, round(size["magnitude"], 2)) for name, size in work.keywords["work"].keywords["wanted"]
+            )
+            return [(items[0], other)]
 
     def name(results: list[str]) -> Any:
         if results == ["before"]:

@@ -51,9 +51,9 @@ def a_trial(
     class Simulating:
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
             assert all(item is not first for item in items)  # it would learn what is only on trial
-            simulated.append([name for name, _ in work.keywords["wanted"]])
-            through.append(work.keywords["through"])
-            return [other]
+            simulated.append([name for name, _ in work.keywords["work"].keywords["wanted"]])
+            through.append(work.keywords["work"].keywords["through"])
+            return [(items[0], other)]
 
     def weigh(results: list[str], found: Any) -> Any:
         if results == ["before"]:

@@ -107,10 +107,11 @@ class Left:
     def known(self, look: Any, effects: Sequence[Sized]) -> float:
         return self.given["+".join(name for name, _ in effects)]
 
-    def left(self, look: Any, effects: Sequence[Sized]) -> tuple[float, float, Cost]:
+    def left(self, look: Any, effects: Sequence[Sized]) -> tuple[float, float]:
         assert all(size == {"panel_tilt": TILT, "air_draft": DRAFT}[name] for name, size in effects)
         self.asked.append("+".join(name for name, _ in effects))
-        return *self.results[self.asked[-1]], Cost(simulations=3)
+        look.simulator.cost.add(Cost(simulations=3))
+        return self.results[self.asked[-1]]
 
     def judge(self, monkeypatch: pytest.MonkeyPatch, *looks: Any) -> Grip | None:
         monkeypatch.setattr("diagnosis.afresh.grip._known", self.known)
@@ -194,5 +195,5 @@ def test_points_stated_as_points_are_left_as_they_are(points: Path, kept: DrapeC
     assert not any("magnets" in text for text in right.assumed) and right.pin_radius_m is None
     assert right.report.cause.top == "none"
     for look in right.looks.values():
-        point, patch, _ = _left(look, ())
+        point, patch = _left(look, ())
         assert patch > 1.5 * point

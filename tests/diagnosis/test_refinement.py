@@ -24,8 +24,8 @@ class Watcher:
         self.wanted: list[list[str]] = []
 
     def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
-        self.wanted.append([name for name, _ in work.keywords["wanted"]])
-        return items
+        self.wanted.append([name for name, _ in work.keywords["work"].keywords["wanted"]])
+        return [(item, item) for item in items]
 
 
 def cause_of(nats: dict[str, float]) -> Any:
@@ -101,7 +101,7 @@ def on_trial(alone: dict[str, float], named: list[str]) -> tuple[list[list[str]]
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
             super().map(work, items)
             assert all(item is not first for item in items)  # it would learn what is only on trial
-            return [other]
+            return [(items[0], other)]
 
     def weigh(results: list[str], found: Any) -> Any:
         cause = cause_of(alone)
@@ -144,7 +144,7 @@ def test_after_a_trial_that_named_an_effect_what_comes_near_it_is_looked_at() ->
     class Simulating(Watcher):
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
             super().map(work, items)
-            return [shown]
+            return [(items[0], shown)]
 
     def weigh(results: list[str], found: Any) -> Any:
         cause = cause_of({"off_grain": 9.0, "hem_weight": 5.0} if results == ["simulated"] else FAR)

@@ -51,9 +51,10 @@ def a_trial(*rounds: Any, then: tuple[str, ...]) -> tuple[list[Any], bool]:
     class Simulating:
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
             assert all(item is not first for item in items)  # it would learn what is only on trial
-            (own,) = work.keywords["wanted"]
-            simulated.append((own[0], own[1]["magnitude"], [name for name, _ in work.keywords["through"]]))
-            return [SimpleNamespace(result=1 + len(simulated))]
+            asked = work.keywords["work"].keywords
+            (own,) = asked["wanted"]
+            simulated.append((own[0], own[1]["magnitude"], [name for name, _ in asked["through"]]))
+            return [(items[0], SimpleNamespace(result=1 + len(simulated)))]
 
     def name(results: list[int]) -> Any:
         number = max(results[0] - 1, 0)
