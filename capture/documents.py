@@ -35,6 +35,8 @@ NotNegative = Annotated[Number, Field(ge=0.0)]
 Pixels = Annotated[int, Field(strict=True, ge=1, le=16384), BeforeValidator(_whole)]
 Truth = Annotated[bool, Field(strict=True)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
+PicturePath = Annotated[str, Field(min_length=1, max_length=4096)]
+"""Beside ``captures.json``; as long as Linux takes."""
 
 
 class _Model(BaseModel):
@@ -146,7 +148,7 @@ class CaptureDocument(_Model):
     fabric: Name
     scene: Literal["hanging", "stretch"]
     repeat: Annotated[int, Field(strict=True, ge=0), BeforeValidator(_whole)] | None = None
-    depth: Name
+    depth: PicturePath
     camera: CameraDocument | None = None
     setup: SetupDocument | None = None
 

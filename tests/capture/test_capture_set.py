@@ -49,6 +49,16 @@ def test_a_set_is_read(make_set: MakeSet) -> None:
     assert found.of_fabric("other") == ()
 
 
+def test_a_picture_may_lie_deep_in_folders(make_set: MakeSet) -> None:
+    deep = "/".join(["measured with the second camera"] * 8) + "/f1.png"
+    folder = make_set(set_key("captures/0/depth", deep))
+    assert len(deep) > 200
+    path = folder / deep
+    path.parent.mkdir(parents=True)
+    (folder / "f1-hanging-0.png").rename(path)
+    assert CaptureSet.load(folder).captures[0].read_depth().shape == (240, 320)
+
+
 def test_a_captures_own_camera_and_setup_go_first(make_set: MakeSet) -> None:
     def change(document: dict[str, Any]) -> None:
         document["setup"]["pin_radius_m"] = 0.0
