@@ -168,7 +168,8 @@ class HingeCloth:
         self.stiffening = mechanics.stiffening_strain
 
     def _bending(self, fabric: FabricParameters, mechanics: Mechanics) -> None:
-        """A triangle's curvature is what its three hinges say together, its energy that of an orthotropic plate.
+        """A triangle's curvature is what its three hinges say together, its energy that of an orthotropic plate (in the
+        way of Grinspun et al. 2006, "Computing discrete shape operators on general meshes").
 
         Angles off their rest, at ``hinges`` [elements, 3], times ``plate`` [elements, 3, 3] are moments [N m]. A sheet
         bent to a cylinder along any direction is as stiff as stated, whatever the mesh. (Stiffnesses of single hinges

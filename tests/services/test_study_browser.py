@@ -71,7 +71,7 @@ def served(tmp_path: Path) -> Iterator[tuple[str, StudyStore]]:
 def page(chromium: Any, served: tuple[str, StudyStore]) -> Iterator[Any]:
     context = chromium.new_context()
     page = context.new_page()
-    page.set_default_timeout(60_000)  # a busy machine takes its time
+    page.set_default_timeout(15_000)
     problems: list[str] = []
     page.on("pageerror", lambda error: problems.append(str(error)))
     page.goto(served[0])
