@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.interpolate import CloughTocher2DInterpolator, NearestNDInterpolator
 from scipy.spatial import Delaunay
 
 from diagnosis.scene import SimulationScene
@@ -133,6 +134,13 @@ def _rigidity(fabric: FabricParameters) -> Array:
     mixed = 4.0 * fabric.bending_bias - weft - warp
     across = min(mixed / 6.0, 0.9 * math.sqrt(weft * warp)) if mixed > 0 else 0.5 * mixed
     return np.array([[weft, across, 0.0], [across, warp, 0.0], [0.0, 0.0, mixed - 2.0 * across]])
+
+
+def carried(vertices: Array, coarse: Mesh, fine: Mesh) -> Array:
+    """Positions [vertices, 3] of one mesh where the vertices of another lie on the sample."""
+    smooth = CloughTocher2DInterpolator(coarse.uv, vertices)(fine.uv)
+    nearest = NearestNDInterpolator(coarse.uv, vertices)(fine.uv)
+    return np.where(np.isfinite(smooth), smooth, nearest)  # on the sample's rim rounding decides
 
 
 class HingeCloth:
@@ -364,10 +372,12 @@ class HingeCloth:
             x = self._step(x, before + STEP_S * velocity * self.free[:, None], STEP_S)
             velocity = 0.9 * (x - before) / STEP_S
         self.force = weight
-        return self._settle(x)
+        return self.settle(x)
 
-    def _settle(self, x: Array) -> tuple[Array, float]:
-        """Ever longer steps without memory of speed."""
+    def settle(self, x: Array) -> tuple[Array, float]:
+        """Ever longer steps without memory of speed, magnets at home, from positions [vertices, 3]; see ``drape``."""
+        x = x.copy()
+        x[self.held] = self.home
         step_s, left = STEP_S, math.inf
         for _ in range(SETTLING):
             before = self.forces(x)[0]

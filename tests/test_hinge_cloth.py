@@ -95,6 +95,19 @@ def test_it_comes_to_rest_in_front_of_the_panel(hinges: Any) -> None:
     assert -0.6 < x[:, 1].min() < -0.4
 
 
+def test_a_rest_goes_on_where_it_was_on_finer_cells(hinges: Any, mesh: Any) -> None:
+    coarse = hinges.Mesh.of((0.5, 0.5), 0.04, 1)
+    x, _ = hinges.HingeCloth(coarse, FABRIC, SCENE, 3).drape()
+    start = hinges.carried(x, coarse, mesh)
+    corners = [hinges.HingeCloth(m, FABRIC, SCENE, 3).held for m in (coarse, mesh)]
+    assert start[corners[1]] == pytest.approx(x[corners[0]])
+    cloth = hinges.HingeCloth(mesh, FABRIC, SCENE, 3)
+    still, left = cloth.settle(start)
+    assert left < hinges.REST
+    assert cloth.forces(still)[0] < cloth.forces(start)[0]
+    assert np.sqrt(((still - start) ** 2).sum(axis=1).mean()) < 0.03  # in the same folds
+
+
 def test_physics_that_it_lacks_is_refused(hinges: Any, mesh: Any) -> None:
     with pytest.raises(ValueError, match="friction"):
         hinges.HingeCloth(mesh, FABRIC, SCENE.with_mechanics(friction=0.2), 0)
