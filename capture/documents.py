@@ -7,14 +7,13 @@ other programs' additions survive. A key that was absent stays absent.
 from __future__ import annotations
 
 import json
-import math
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 
 from renderer.camera import Camera
 from simcore.errors import InputError
-from simcore.json_text import parse_json
+from simcore.json_text import first_not_finite, parse_json
 from simcore.parameters import ESTIMATED_NAMES, LIMITS, UNITS
 
 FORMAT: Final = "drape-capture-set/1"
@@ -198,7 +197,7 @@ def parse_document(text: str, source: str) -> CaptureSetDocument:
             code="capture_format_unknown",
         )
     try:
-        place = _first_not_finite(value)
+        place = first_not_finite(value)
     except RecursionError:
         raise InputError(f"{source}: not valid JSON (nested too deeply)", code="file_not_json") from None
     if place is not None:
@@ -260,18 +259,6 @@ def json_schema() -> dict[str, Any]:
     schema = CaptureSetDocument.model_json_schema()
     schema["required"] = sorted({"format", *schema["required"]})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": FORMAT}
-
-
-def _first_not_finite(value: Any, place: str = "") -> str | None:
-    if isinstance(value, float):
-        return None if math.isfinite(value) else place
-    if isinstance(value, dict):
-        children = [(f"{place}.{key}" if place else str(key), item) for key, item in value.items()]
-    elif isinstance(value, list):
-        children = [(f"{place}[{index}]", item) for index, item in enumerate(value)]
-    else:
-        return None
-    return next((found for name, item in children if (found := _first_not_finite(item, name)) is not None), None)
 
 
 _NEEDED: Final = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
+import io
 import zipfile
 import zlib
 from collections import OrderedDict
@@ -19,6 +19,7 @@ from metric.render import DrapeRender
 from metric.render_cache import engine_fingerprint
 from metric.simulate import SimulationPlan
 from metric.sketch import Sketched
+from renderer.atomic import write_atomically
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene
 
@@ -114,9 +115,9 @@ class DescriptorStore:
         self.folder.mkdir(parents=True, exist_ok=True)
         arrays = {f"sketches-{scene}": rows for scene, rows in descriptor.sketches.items()}
         pictures = {f"picture-{scene}": picture for scene, picture in descriptor.pictures.items()}
-        with tempfile.NamedTemporaryFile(dir=self.folder, suffix=".part", delete=False) as stream:
-            np.savez(stream, allow_pickle=False, **arrays, **pictures)
-        Path(stream.name).replace(self.folder / f"{key}.npz")
+        content = io.BytesIO()
+        np.savez(content, allow_pickle=False, **arrays, **pictures)
+        write_atomically(self.folder / f"{key}.npz", content.getvalue())
 
     def _hold(self, key: str, descriptor: FabricDescriptor) -> None:
         self._memory[key] = descriptor

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import os
-import tempfile
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from metric.backends import Backend, Channel, Features
 from metric.render import DrapeRender
+from renderer.atomic import write_atomically
 
 
 class FeatureCache:
@@ -84,9 +85,9 @@ class FeatureCache:
         if self.folder is None or not isinstance(value, np.ndarray):
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=self.folder, suffix=".part", delete=False) as stream:
-            np.save(stream, value)
-        Path(stream.name).replace(self.folder / f"{key}.npy")
+        content = io.BytesIO()
+        np.save(content, value)
+        write_atomically(self.folder / f"{key}.npy", content.getvalue())
 
     def _trim_folder(self) -> None:
         if self.folder is None or not self.folder.is_dir():

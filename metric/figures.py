@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from renderer.atomic import write_atomically
 from simcore.scenes import Scene
 
 if TYPE_CHECKING:
@@ -187,4 +189,6 @@ def _grey_norm() -> Normalize:
 
 def _save(figure: Figure, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
+    content = io.BytesIO()
+    figure.savefig(content, dpi=110, format=path.suffix.removeprefix(".") or "png")
+    write_atomically(path, content.getvalue())

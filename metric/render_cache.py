@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import os
-import tempfile
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ import numpy as np
 
 from metric.draping import DrapeRequest, RequestResult
 from metric.render import DrapeRender
+from renderer.atomic import write_atomically
 from renderer.camera import CANONICAL_CAMERA
 
 CACHE_VARIABLE = "DRAPEMETER_CACHE"
@@ -64,15 +65,15 @@ class RenderCache:
         if result.render is None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=self.folder, suffix=".part", delete=False) as stream:
-            np.savez_compressed(
-                stream,
-                shaded=result.render.need_shaded(),
-                depth=result.render.need_depth(),
-                panel_depth_m=np.float64(result.render.panel_depth_m),
-                failures=np.array(result.failures, dtype=np.str_),
-            )
-        Path(stream.name).replace(self._path(result.request))
+        content = io.BytesIO()
+        np.savez_compressed(
+            content,
+            shaded=result.render.need_shaded(),
+            depth=result.render.need_depth(),
+            panel_depth_m=np.float64(result.render.panel_depth_m),
+            failures=np.array(result.failures, dtype=np.str_),
+        )
+        write_atomically(self._path(result.request), content.getvalue())
 
     def _path(self, request: DrapeRequest) -> Path:
         words = [

@@ -79,6 +79,8 @@ def read_counts(path: Path | str) -> NDArray[np.uint16]:
     """Counts of a 16-bit grey PNG, uint16 [H, W]. Raises like :func:`read_depth_png`."""
     from PIL import Image, UnidentifiedImageError
 
+    if Path(path).exists() and not Path(path).is_file():
+        raise InputError(f"cannot read depth picture {path}: it is no file", code="depth_missing")
     try:
         content = Path(path).read_bytes()
     except OSError as error:

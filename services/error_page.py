@@ -33,7 +33,10 @@ Written by `python -m services.error_page docs/errors.md` from the sources. The 
 behind the message, the REST service and jobs give it as `code`. Codes stay; messages are for people and may change.
 `…` stands for what is filled in. Where a code has several messages, one is shown. What the service says of a request as
 such (`validation_failed`, `not_found` and their like) is in [api.md](api.md). *Status* is the exit status of a command
-/ the HTTP status of an answer; a dash: never so.
+/ the HTTP status of an answer; a dash: never so. `simulate` ends with 1 where its own drape is not at rest
+(`drape_not_still`). The command line alone says `usage` (2: an option that cannot be read), `path_too_long` (2),
+`stdout_closed` (1), `cannot_write` (1 where the disk is full), `interrupted` (130) and `unexpected` (1: a fault of the
+program); a job that ended without an answer says `job_crashed` or `job_timed_out`.
 
 | code | status | for example |
 |---|---|---|
@@ -54,6 +57,11 @@ class Row:
     status: str
     message: str
 
+    def joined(self, other: Row) -> Row:
+        """Both of one code: every status, the first message."""
+        statuses = [*self.status.split("; "), *other.status.split("; ")]
+        return Row(self.code, "; ".join(dict.fromkeys(statuses)), self.message or other.message)
+
 
 def page(root: Path) -> str:
     """The whole page, of the packages under ``root``."""
@@ -62,8 +70,7 @@ def page(root: Path) -> str:
         for path in sorted((root / package).rglob("*.py")):
             for row in rows_of(ast.parse(path.read_text(encoding="utf-8"))):
                 known = rows.get(row.code)
-                if known is None or (row.message and not known.message):
-                    rows[row.code] = row
+                rows[row.code] = row if known is None else known.joined(row)
     lines = (f"| `{row.code}` | {row.status} | {row.message} |" for _, row in sorted(rows.items()))
     return HEAD + "\n".join(lines) + "\n"
 

@@ -32,9 +32,10 @@ def _bounded(name: str) -> Any:
 
 
 class Parameters(Strict):
-    """The seven fabric parameters, SI units."""
+    """The seven fabric parameters, SI units. Other keys are passed over, as the contract allows them; none of the seven
+    can be misspelt unnoticed, since all are needed."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE_PARAMETERS]})
+    model_config = ConfigDict(extra="ignore", json_schema_extra={"examples": [EXAMPLE_PARAMETERS]})
 
     stretch_warp: Annotated[float, _bounded("stretch_warp")]
     stretch_weft: Annotated[float, _bounded("stretch_weft")]

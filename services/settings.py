@@ -12,6 +12,9 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from simcore.errors import InputError
 
 MIB = 1024 * 1024
+DAY_S = 86400.0
+CENTURY_DAYS = 36525.0
+"""No date that a database holds is asked for from farther back."""
 WEAK_PASSWORDS = frozenset({"", "changeme", "drapemeter", "example", "password", "postgres", "secret", "test"})
 
 
@@ -32,18 +35,22 @@ class Settings(BaseSettings):
     max_unpacked_bytes: int = Field(default=512 * MIB, ge=1024)
     max_picture_pixels: int = Field(default=4096 * 4096, ge=64 * 64)
 
-    estimate_timeout_s: float = Field(default=60.0, gt=0)
+    estimate_timeout_s: float = Field(default=60.0, gt=0, le=DAY_S)
     estimate_queue: int = Field(default=8, ge=1, description="Estimates that may wait; more are refused with 503.")
 
     workers: int = Field(default=1, ge=0, le=64, description="Job worker processes started by the server.")
     ray_address: str | None = Field(default=None, description="Ray cluster that runs the jobs; none: this machine.")
     job_queue: int = Field(default=1000, ge=1, description="Jobs that may wait; more are refused with 429.")
-    job_lease_s: float = Field(default=20.0, gt=0.2, description="A worker silent for so long has lost its job.")
+    job_lease_s: float = Field(
+        default=20.0, gt=0.2, le=DAY_S, description="A worker silent for so long has lost its job."
+    )
     job_attempts: int = Field(default=3, ge=1)
-    job_time_limit_s: float = Field(default=86400.0, gt=0, description="A job that takes longer is stopped and fails.")
-    job_shutdown_grace_s: float = Field(default=5.0, ge=0)
-    job_retention_days: float = Field(default=30.0, gt=0)
-    idempotency_hours: float = Field(default=24.0, gt=0)
+    job_time_limit_s: float = Field(
+        default=DAY_S, gt=0, le=366 * DAY_S, description="A job that takes longer is stopped and fails."
+    )
+    job_shutdown_grace_s: float = Field(default=5.0, ge=0, le=DAY_S)
+    job_retention_days: float = Field(default=30.0, gt=0, le=CENTURY_DAYS)
+    idempotency_hours: float = Field(default=24.0, gt=0, le=24 * CENTURY_DAYS)
 
     @property
     def on_loopback(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 from simcore.errors import InputError
@@ -26,3 +27,16 @@ def parse_json(text: str, source: object) -> Any:
         raise InputError(f"{source}: not valid JSON (nested too deeply)", code="file_not_json") from None
     except ValueError:
         raise InputError(f"{source}: a number in it has too many digits to be read", code="file_not_json") from None
+
+
+def first_not_finite(value: Any, place: str = "") -> str | None:
+    """Where in a parsed document (`a.b[2]`) the first number is that is NaN or infinite, or None."""
+    if isinstance(value, float):
+        return None if math.isfinite(value) else place
+    if isinstance(value, dict):
+        children = [(f"{place}.{key}" if place else str(key), item) for key, item in value.items()]
+    elif isinstance(value, list):
+        children = [(f"{place}[{index}]", item) for index, item in enumerate(value)]
+    else:
+        return None
+    return next((found for name, item in children if (found := first_not_finite(item, name)) is not None), None)

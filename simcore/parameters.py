@@ -124,7 +124,11 @@ class FabricParameters:
         Raises:
             InputError: no such file, not JSON, or unusable values.
         """
-        return cls.from_mapping(read_json_object(path, "fabric parameters"))
+        values = read_json_object(path, "fabric parameters")
+        try:
+            return cls.from_mapping(values)
+        except InputError as error:
+            raise InputError(f"{path}: {error}", code=error.code) from None
 
 
 def read_json_object(path: str | Path, what: str) -> dict[str, Any]:

@@ -116,10 +116,12 @@ def install_problem_handlers(app: FastAPI) -> None:
 async def _on_http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     code = error.code if isinstance(error, ProblemError) else CODES.get(error.status_code, "http_error")
-    headers = dict(error.headers or {})
+    headers, detail = dict(error.headers or {}), str(error.detail)
+    if error.status_code == HTTPStatus.BAD_REQUEST and not isinstance(error, ProblemError):
+        detail = f"the request cannot be read ({detail.rstrip('.')}): send well-formed JSON in UTF-8, or a whole form"
     if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
         headers["Allow"] = ", ".join(_allowed(request))
-    return problem_response(error.status_code, code, error.detail, request.url.path, headers=headers)
+    return problem_response(error.status_code, code, detail, request.url.path, headers=headers)
 
 
 def _allowed(request: Request) -> list[str]:

@@ -9,6 +9,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from simcore.errors import InputError
+from simcore.json_text import first_not_finite, parse_json
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 HEADER_BYTES = 33
@@ -53,6 +54,14 @@ def parse_json_field(text: str, name: str, model: type[Model]) -> Model | None:
     """
     if not text.strip():
         return None
+    try:
+        place = first_not_finite(parse_json(text, name))
+    except InputError as error:
+        raise InputError(str(error), code=f"{name}_invalid") from None
+    except RecursionError:
+        raise InputError(f"{name}: not valid JSON (nested too deeply)", code=f"{name}_invalid") from None
+    if place is not None:
+        raise InputError(f"{name}: {place or 'it'} is not a finite number", code=f"{name}_invalid")
     try:
         return model.model_validate_json(text)
     except ValidationError as error:

@@ -8,7 +8,7 @@ import math
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import Enum
 from pathlib import Path
 from typing import Any, TextIO
@@ -70,7 +70,7 @@ def progress(description: str, total: float | None = None) -> Iterator[ProgressB
 
 def say(message: str = "") -> None:
     """One line of the command's result for people, on standard output."""
-    sys.stdout.write(message + "\n")
+    sys.stdout.write(message.encode(errors="backslashreplace").decode() + "\n")  # a file's name may be no text
     sys.stdout.flush()
 
 
@@ -92,8 +92,20 @@ def emit_json(value: object) -> None:
     infinity) become null.
     """
     stream = _document_stream if _document_stream is not None else sys.stdout
-    stream.write(json.dumps(to_plain(value), allow_nan=False, ensure_ascii=False) + "\n")
+    plain = to_plain(value)
+    text = json.dumps(plain, allow_nan=False, ensure_ascii=False)
+    if not _is_text(text):  # a file's name that is none: as escapes, which JSON allows
+        text = json.dumps(plain, allow_nan=False)
+    stream.write(text + "\n")
     stream.flush()
+
+
+def _is_text(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def to_plain(value: Any) -> Any:
@@ -134,7 +146,7 @@ def document_only() -> Iterator[None]:
     """
     global _document_stream
     original = sys.stdout
-    sys.stdout.flush()
+    original.flush()
     saved = os.dup(1) if _is_process_stdout(original) else None
     _document_stream = os.fdopen(os.dup(saved), "w", encoding="utf-8") if saved is not None else original
     sys.stdout = sys.stderr
@@ -143,9 +155,11 @@ def document_only() -> Iterator[None]:
     try:
         yield
     finally:
-        _document_stream.flush()
+        with suppress(OSError):  # what did not go through was told when it was written
+            _document_stream.flush()
         if saved is not None:
-            _document_stream.close()
+            with suppress(OSError):
+                _document_stream.close()
             os.dup2(saved, 1)
             os.close(saved)
         _document_stream = None

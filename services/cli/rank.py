@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -116,12 +117,16 @@ def _write_thumbnails(ranking: list[RankedFabric], folder: Path) -> dict[str, di
     """One PNG a fabric and scene; id to scene to path."""
     from PIL import Image
 
+    from renderer.atomic import write_atomically
+
     found: dict[str, dict[str, str]] = {}
     for place, entry in enumerate(ranking, start=1):
         found[entry.id] = {}
         for scene, picture in entry.pictures.items():
             path = folder / f"{place:03d}-{scene}.png"
-            Image.fromarray(picture).save(path)
+            content = io.BytesIO()
+            Image.fromarray(picture).save(content, format="PNG")
+            write_atomically(path, content.getvalue())
             found[entry.id][scene.value] = str(path)
     return found
 

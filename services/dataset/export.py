@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import csv
-import shutil
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
@@ -45,20 +45,21 @@ def export_store(
     Raises:
         InputError: the folder exists or cannot be written.
     """
-    part = folder.with_name(folder.name + ".part")
     if folder.exists():
         raise InputError(f"{folder}: is there already; choose another folder", code="export_exists")
     draw = _shader(store) if shaded else None
     try:
-        shutil.rmtree(part, ignore_errors=True)
-        (part / "depth").mkdir(parents=True)
-        if shaded:
-            (part / "shaded").mkdir()
-        with (part / "samples.csv").open("w", newline="", encoding="utf-8") as table:
-            writer = csv.DictWriter(table, COLUMNS)
-            writer.writeheader()
-            count = _write_samples(store, part, writer, draw, len(store) if limit is None else limit, listen)
-        part.rename(folder)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f".{folder.name[:80]}.", suffix=".part", dir=folder.parent) as aside:
+            part = Path(aside) / "export"
+            (part / "depth").mkdir(parents=True)
+            if shaded:
+                (part / "shaded").mkdir()
+            with (part / "samples.csv").open("w", newline="", encoding="utf-8") as table:
+                writer = csv.DictWriter(table, COLUMNS)
+                writer.writeheader()
+                count = _write_samples(store, part, writer, draw, len(store) if limit is None else limit, listen)
+            part.rename(folder)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})", code="export_not_writable") from error
     return count

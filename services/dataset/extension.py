@@ -53,9 +53,10 @@ def check_effects(configuration: SweepConfiguration) -> None:
     """Find out before anything starts whether a sweep can be made with its effects.
 
     Raises:
-        InputError: an effect has no physical meaning at its size, puts pins where the cloth does not reach, moves the
-            panel in the picture, or leaves no picture that a store can hold.
+        InputError: an effect is named twice or without a size, has no physical meaning at its size, puts pins where
+            the cloth does not reach, moves the panel in the picture, or leaves no picture that a store can hold.
     """
+    _check_sizes(configuration)
     for name in configuration.scenes:
         plain = build_scene(configuration.model_copy(update={"simulator": ()}), name, SOME_CLOTH, 0)
         for effect in configuration.simulator:
@@ -70,6 +71,17 @@ def check_effects(configuration: SweepConfiguration) -> None:
         built = build_scene(configuration, name, SOME_CLOTH, 0)
         check_request(configuration.mesh, built.setup, None, configuration.time_limit_s)
         _check_sensor(built)
+
+
+def _check_sizes(configuration: SweepConfiguration) -> None:
+    names = [effect.name for effect in configuration.simulator]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(f"effect {twice[0]} is given twice: give it once", code="effect_twice")
+    for effect in configuration.simulator:
+        if not effect.size:
+            known = ", ".join(get_effect(effect.name).components)
+            raise InputError(f"effect {effect.name} has no size: give its {known}", code="effect_magnitude")
 
 
 def _check_sensor(scene: SimulationScene) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from renderer.atomic import write_atomically
 from renderer.store import RowStatus, Store
 from simcore.errors import InputError
 from simcore.parameters import PARAMETER_NAMES
@@ -52,7 +54,9 @@ def write_contact_sheet(store: Store, path: Path) -> None:
         row, column = divmod(place, columns)
         tile = relief(store.depth(int(sample)))[: 2 * height : 2, : 2 * width : 2]
         sheet[row * height : (row + 1) * height, column * width : (column + 1) * width] = tile
-    Image.fromarray(sheet).save(path)
+    content = io.BytesIO()
+    Image.fromarray(sheet).save(content, format="PNG")
+    write_atomically(path, content.getvalue())
 
 
 def relief(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
@@ -80,7 +84,9 @@ def write_spearman(parameters: NDArray[np.float32], path: Path) -> None:
         axes.text(j, i, f"{matrix[i, j]:.2f}", ha="center", va="center", color="w" if abs(matrix[i, j]) > 0.6 else "k")
     axes.set_title(f"Spearman correlation of {len(parameters)} fabrics")
     figure.colorbar(image)
-    figure.savefig(path, dpi=110)
+    content = io.BytesIO()
+    figure.savefig(content, dpi=110, format="png")
+    write_atomically(path, content.getvalue())
 
 
 def spearman(parameters: NDArray[np.float32]) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import lzma
+import re
 import stat
 import struct
 import zipfile
@@ -19,6 +20,7 @@ MOST_ENTRIES = 5000
 MOST_JSON_BYTES = 8 * 1024 * 1024
 SUFFIXES = frozenset({".json", ".png"})
 MOST_NAME_BYTES = 200
+DRIVE = re.compile(r"[A-Za-z]:")
 BLOCK = 256 * 1024
 DAMAGE = (
     zipfile.BadZipFile,
@@ -58,7 +60,7 @@ def read_captures_json(content: bytes, limits: ArchiveLimits) -> str:
         entry = next(e for e in entries if e.name == CAPTURES_FILE)
         data = b"".join(_blocks(archive, entry, MOST_JSON_BYTES))
     try:
-        return data.decode("utf-8")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{CAPTURES_FILE} in the archive is not UTF-8 text", code="file_unreadable") from None
 
@@ -91,8 +93,8 @@ def names_in(content: bytes, limits: ArchiveLimits) -> frozenset[str]:
         return frozenset(entry.name for entry in _entries(archive, limits))
 
 
-def unpack(content: bytes, folder: Path, limits: ArchiveLimits) -> None:
-    """Unpack ``captures.json`` and the PNG files beside it; they may lie in one folder inside the archive.
+def unpack(content: bytes, folder: Path, limits: ArchiveLimits, named: Collection[str] = ()) -> None:
+    """Unpack ``captures.json``, the PNG files beside it and what it names; they may lie in one folder of the archive.
 
     Nothing is written outside ``folder``, and never more than the limits, whatever the archive says of itself.
 
@@ -100,14 +102,17 @@ def unpack(content: bytes, folder: Path, limits: ArchiveLimits) -> None:
         content: the archive.
         folder: exists and is empty.
         limits: how much it may hold.
+        named: pictures that are no ``*.png``, by names relative to the folder of ``captures.json``.
 
     Raises:
-        InputError: no ZIP or a damaged one, encrypted or linked entries, other kinds of files, paths that lead out, or
-            too much.
+        InputError: no ZIP or a damaged one, encrypted or linked entries, paths that lead out, or too much.
     """
     with _open(content) as archive:
         room = limits.most_bytes
+        wanted = set(named)
         for entry in _entries(archive, limits):
+            if PurePosixPath(entry.name).suffix.lower() not in SUFFIXES and entry.name not in wanted:
+                continue
             target = folder.joinpath(*PurePosixPath(entry.name).parts)
             target.parent.mkdir(parents=True, exist_ok=True)
             with target.open("xb") as stream:
@@ -147,13 +152,13 @@ def _entries(archive: zipfile.ZipFile, limits: ArchiveLimits) -> list[_Entry]:
     folders = {parent.as_posix() for entry in entries for parent in PurePosixPath(entry.name).parents}
     if any(entry.name in folders for entry in entries):
         raise InputError("the archive has a file and a folder of the same name", code="archive_unsafe")
-    return [e for e in entries if PurePosixPath(e.name).suffix.lower() in SUFFIXES]
+    return entries
 
 
 def _refuse_unsafe(info: zipfile.ZipInfo) -> None:
     path = PurePosixPath(info.filename)
     kind = stat.S_IFMT(info.external_attr >> 16)
-    unsafe = path.is_absolute() or ".." in path.parts or "\\" in info.filename or ":" in info.filename
+    unsafe = path.is_absolute() or ".." in path.parts or "\\" in info.filename or DRIVE.match(info.filename)
     if unsafe or "\0" in info.orig_filename or kind not in {0, stat.S_IFREG} or not path.parts:
         raise InputError("the archive holds a link or a path that leads out of it", code="archive_unsafe")
     if any(len(part.encode("utf-8", "replace")) > MOST_NAME_BYTES for part in path.parts):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -160,7 +161,7 @@ def test_another_process_may_remove_what_is_being_counted(
 
     def gone(path: Path, **more: bool) -> os.stat_result:
         if path.suffix == ".npy":
-            raise FileNotFoundError(path)
+            raise FileNotFoundError(errno.ENOENT, "gone", str(path))
         return whole(path, **more)
 
     monkeypatch.setattr(Path, "stat", gone)

@@ -63,6 +63,13 @@ def test_a_bad_mesh_or_folder_leaves_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_pipe_is_no_depth_picture(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.png")
+    with pytest.raises(InputError, match="no file") as error:
+        read_depth_png(tmp_path / "pipe.png")
+    assert error.value.code == "depth_missing"
+
+
 def test_depth_survives_within_half_a_unit(tmp_path: Path) -> None:
     depth = np.random.default_rng(1).uniform(0.3, 1.5, (48, 64)).astype(np.float32)
     depth[:5] = 0.0

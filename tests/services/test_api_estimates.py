@@ -123,6 +123,7 @@ def test_unusable_pictures_are_named_by_code(client: httpx.Client, content: byte
         ({"density": "0.2", "camera": '{"width": 256}'}, "camera_invalid"),
         ({"density": "0.2", "setup": '{"sample_size_m": [0.5]}'}, "setup_invalid"),
         ({"density": "0.2", "setup": '{"sample_size_m": [50, 50]}'}, "sample_size"),
+        ({"density": "0.2", "setup": '{"pin_distance_m": NaN}'}, "setup_invalid"),
     ],
 )
 def test_unusable_fields_are_named_by_code(client: httpx.Client, fields: dict[str, str], code: str) -> None:

@@ -77,6 +77,20 @@ def test_numbers_that_json_does_not_have_are_refused(client: httpx.Client) -> No
     assert problem(answer)["errors"]
 
 
+def test_a_body_that_cannot_be_read_says_how_it_should_be(client: httpx.Client) -> None:
+    answer = client.post("/v1/fabrics", content=b'{"name": "caf\xe9"}', headers={"content-type": "application/json"})
+    assert (answer.status_code, problem(answer)["code"]) == (400, "bad_request")
+    assert "UTF-8" in problem(answer)["detail"]
+
+
+def test_other_keys_beside_the_seven_are_passed_over(client: httpx.Client) -> None:
+    """As `fabric-parameters.schema.json` allows them, and the command line does."""
+    answer = client.post("/v1/fabrics", json={"name": "noted", "parameters": {**STIFF, "note": "from the mill"}})
+    assert answer.status_code == 201, answer.text
+    assert answer.json()["parameters"] == STIFF
+    assert client.delete(answer.headers["location"], headers={"If-Match": answer.headers["etag"]}).status_code == 204
+
+
 def test_validation_problems_name_the_field(client: httpx.Client) -> None:
     answer = client.post("/v1/drape-distances", json={**COMPARE, "b": {**SOFT, "bending_warp": "soft"}})
     assert problem(answer)["errors"][0]["pointer"] == "body/b/bending_warp"
@@ -114,6 +128,7 @@ def archive(files: dict[str, bytes]) -> bytes:
         ({"captures.json": b"{}", "..\\evil.png": b""}, "archive_unsafe"),
         ({"depth.png": b""}, "captures_json_missing"),
         ({"captures.json": b"{}"}, "capture_format_unknown"),
+        ({"captures.json": b"{}", "C:evil.png": b""}, "archive_unsafe"),
         ({"captures.json": b"{}", "bomb.png": bytes(5 * 1024 * 1024)}, "archive_too_large"),
     ],
 )

@@ -146,6 +146,35 @@ def test_json_keeps_compiled_code_off_standard_output() -> None:
     assert result.stderr == "[compiled] hello\n"
 
 
+@pytest.mark.parametrize(
+    ("redirection", "code"), [(">/dev/full", "cannot_write"), ("| true", None), (">&-", "stdout_closed")]
+)
+def test_a_document_that_cannot_go_out_is_one_line_and_no_traceback(redirection: str, code: str | None) -> None:
+    program = (
+        "import sys; from services.cli import console, main; "
+        "main._invoke = lambda arguments: console.emit_json({'a': 'b' * 200_000}); "
+        "sys.exit(main.run(['simulate', '--json']))"
+    )
+    line = f"set -o pipefail; '{sys.executable}' -c \"{program}\" {redirection}"
+    result = subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr and "Exception" not in result.stderr
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == (0 if code is None else 1)
+    assert code is None or lines[0].endswith(f"[{code}]")
+
+
+def test_a_name_that_is_no_text_is_escaped(
+    probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def body() -> None:
+        console.emit_json({"file": "th\udce9.png", "name": "caf\u00e9"})
+
+    probe(body)
+    assert main.run(["simulate", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"file": "th\udce9.png", "name": "caf\u00e9"}
+
+
 @pytest.mark.parametrize("name", main.installed_commands())
 def test_every_command_has_help_with_an_example_and_json(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main.run([name, "--help"]) == 0

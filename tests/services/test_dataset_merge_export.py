@@ -79,6 +79,14 @@ def test_export_leaves_out_what_is_unfinished_and_stops_at_its_limit(tmp_path: P
     assert (Store.open(tmp_path / "s.zarr").status[:6] == RowStatus.MISSING).all()
 
 
+def test_an_export_touches_nothing_but_its_own_folder(stores: list[Store], tmp_path: Path) -> None:
+    (tmp_path / "out.part").mkdir()
+    (tmp_path / "out.part" / "mine.txt").write_text("kept")
+    export_store(stores[0], tmp_path / "out", limit=1)
+    assert (tmp_path / "out.part" / "mine.txt").read_text() == "kept"
+    assert {path.name for path in tmp_path.iterdir() if path.suffix != ".zarr"} == {"out", "out.part"}
+
+
 def test_a_folder_that_is_there_is_not_written_into(stores: list[Store], tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     with pytest.raises(InputError, match="is there already"):

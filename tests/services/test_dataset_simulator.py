@@ -97,6 +97,8 @@ def test_a_store_from_before_effects_is_one_without() -> None:
         ([("hem_weight", {"magnitude": -9.0})], "mechanics"),
         ([("camera_rotation", {"rx": 1.0})], "simulator_moves_panel"),
         ([("depth_bias", {"magnitude": 0.005})], "simulator_moves_panel"),
+        ([("air_draft", {"magnitude": 0.1}), ("air_draft", {"magnitude": 0.2})], "effect_twice"),
+        ([("air_draft", {})], "effect_magnitude"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_line_exit_2(

@@ -50,6 +50,13 @@ def test_a_set_is_unpacked_from_the_top_or_from_one_folder(prefix: str, tmp_path
     assert {"captures.json", "pictures/a.png"} <= names_in(content, LIMITS)
 
 
+def test_a_picture_of_any_name_is_unpacked_if_it_is_named(tmp_path: Path) -> None:
+    content = archive([("captures.json", b"\xef\xbb\xbf{}"), ("picture", b"a"), ("f1:a.png", b"b"), ("other", b"c")])
+    unpack(content, tmp_path, LIMITS, ["picture"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["captures.json", "f1:a.png", "picture"]
+    assert read_captures_json(content, LIMITS) == "{}"
+
+
 def link(name: str) -> zipfile.ZipInfo:
     info = zipfile.ZipInfo(name)
     info.external_attr = (stat.S_IFLNK | 0o777) << 16

@@ -12,6 +12,12 @@ import httpx
 import pytest
 from jsonschema import validate
 
+from capture.capture_set import CaptureSet
+from services.api.routes import diagnoses
+from services.jobs.archive import ArchiveLimits, unpack
+from services.jobs.kinds.diagnosis import DiagnosisInputs, picture_names
+from services.settings import Settings
+from simcore.errors import InputError
 from tests.services.served import SOFT, STIFF, drapemeter, finished, serving
 
 
@@ -64,6 +70,42 @@ def test_captures_that_cannot_be_used_fail_the_job_with_a_code(tmp_path: Path, s
     assert (job["status"], job["problem"]["code"]) == ("failed", "depth_damaged")
     assert "r1-hanging-1.png" in job["problem"]["detail"]
     assert "/r1-hanging-1.png" not in job["problem"]["detail"]  # the server's own folders are nobody's business
+
+
+def _renamed(folder: Path, path: str, stored: str) -> bytes:
+    """A capture set whose first picture is called ``path`` and lies in the archive as ``stored``; a BOM before."""
+    document = json.loads((folder / "captures.json").read_text())
+    first = document["captures"][0]["depth"]
+    document["captures"][0]["depth"] = path
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("captures.json", b"\xef\xbb\xbf" + json.dumps(document).encode())
+        for file in folder.glob("*.png"):
+            archive.writestr(stored if file.name == first else file.name, file.read_bytes())
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("path", "stored"),
+    [("picture", "picture"), (".//x.png", "x.png"), ("f1:a.png", "f1:a.png"), ("a//b.png", "a/b.png")],
+)
+def test_pictures_are_found_by_whatever_path_names_them(
+    path: str, stored: str, tmp_path: Path, shared_dir: Path
+) -> None:
+    content = _renamed(shared_dir / "real" / "phisft-r1", path, stored)
+    document = diagnoses._check(content, Settings())
+    unpack(content, tmp_path, ArchiveLimits(Settings().max_unpacked_bytes), picture_names(document))
+    assert CaptureSet.load(tmp_path).captures[0].read_depth().max() > 0.0
+
+
+def test_a_path_that_goes_up_is_refused(shared_dir: Path) -> None:
+    with pytest.raises(InputError, match="must not go up"):
+        diagnoses._check(_renamed(shared_dir / "real" / "phisft-r1", "a/../x.png", "x.png"), Settings())
+
+
+def test_cells_that_do_not_divide_half_a_metre_are_the_diagnosiss_own_business() -> None:
+    """It simulates whole cells whatever the sample's size."""
+    assert DiagnosisInputs(resolution_m=0.03, most_bytes=1000).options().resolution_m == 0.03
 
 
 def test_a_huge_picture_in_a_small_archive_is_refused_at_once(client: httpx.Client, shared_dir: Path) -> None:

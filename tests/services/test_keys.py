@@ -199,6 +199,17 @@ def test_a_long_body_that_is_no_upload_is_refused(guarded: tuple[Served, Path]) 
         assert (answer.status_code, answer.json()["code"]) == (413, "request_too_large")
 
 
+def test_a_database_that_refuses_is_one_line_without_its_statements(tmp_path: Path) -> None:
+    drapemeter(tmp_path, "keys", "create", "--name", "first")
+    (path,) = tmp_path.glob("*.db")
+    with sqlite3.connect(path) as raw:
+        raw.execute("drop table api_keys")
+    made = drapemeter(tmp_path, "keys", "create", "--name", "second")
+    said = made.stderr.strip().splitlines()
+    assert made.returncode == 1
+    assert len(said) == 1 and said[0].endswith("[database_unreachable]") and "INSERT" not in said[0]
+
+
 def test_an_expired_key_is_listed_as_such(tmp_path: Path) -> None:
     drapemeter(tmp_path, "keys", "create", "--name", "brief", "--expires-days", "1e-9")
     assert "  expired  " in drapemeter(tmp_path, "keys", "list").stdout

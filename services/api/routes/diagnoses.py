@@ -19,7 +19,7 @@ from services.api.uploads import HEADER_BYTES, check_png
 from services.api.views import JobView
 from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, beginnings, names_in, read_captures_json
 from services.jobs.files import FileContent
-from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs
+from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs, picture_names
 from services.settings import Settings
 from simcore.errors import InputError
 
@@ -70,10 +70,10 @@ def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
     limits = ArchiveLimits(settings.max_unpacked_bytes)
     document = parse_document(read_captures_json(content, limits), CAPTURES_FILE)
     names = names_in(content, limits)
-    missing = [capture.depth for capture in document.captures if capture.depth.removeprefix("./") not in names]
+    pictures = picture_names(document)
+    missing = [depth for name, depth in pictures.items() if name not in names]
     if missing:
         raise InputError(f"the archive lacks {missing[0]}, which {CAPTURES_FILE} names", code="depth_missing")
-    pictures = {capture.depth.removeprefix("./") for capture in document.captures}
     for name, head in beginnings(content, limits, pictures, HEADER_BYTES).items():
         check_png(head, name, settings.max_picture_pixels)
     return document

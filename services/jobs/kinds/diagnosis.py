@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from services.jobs.archive import ArchiveLimits, unpack
+from capture.documents import CaptureSetDocument, parse_document
+from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, read_captures_json, unpack
 from services.jobs.files import FileContent
 from services.jobs.kinds.common import counting
 from services.jobs.task import Report, Task, TaskOutput
 from services.schemas import Strict
-from simcore.mesh import GridMesh
+from simcore.errors import InputError
 
 if TYPE_CHECKING:
     from diagnosis.diagnose import DiagnosisOptions
@@ -31,14 +33,29 @@ class DiagnosisInputs(Strict):
         """The same for :mod:`diagnosis`, checked.
 
         Raises:
-            InputError: an unknown effect, none left, or a resolution that does not cut the sample into whole cells.
+            InputError: an unknown effect, or none left.
         """
         from diagnosis.diagnose import DiagnosisOptions
 
-        GridMesh(self.resolution_m)
         options = DiagnosisOptions(self.effects, self.without, self.resolution_m)
         options.chosen()
         return options
+
+
+def picture_names(document: CaptureSetDocument) -> dict[str, str]:
+    """Where an archive has the depth pictures, relative to its ``captures.json``, with what that calls them.
+
+    Raises:
+        InputError: a path that goes up.
+    """
+    names = {PurePosixPath(capture.depth).as_posix(): capture.depth for capture in document.captures}
+    upward = [depth for name, depth in names.items() if ".." in PurePosixPath(name).parts]
+    if upward:
+        raise InputError(
+            f"{CAPTURES_FILE} names {upward[0]}: in an archive a picture's path must not go up (..)",
+            code="depth_missing",
+        )
+    return names
 
 
 def run(task: Task, report: Report) -> TaskOutput:
@@ -53,7 +70,9 @@ def run(task: Task, report: Report) -> TaskOutput:
 
     inputs = DiagnosisInputs.model_validate(task.inputs)
     options = inputs.options()
-    unpack(task.file(ARCHIVE_NAME), task.scratch, ArchiveLimits(inputs.most_bytes))
+    content, limits = task.file(ARCHIVE_NAME), ArchiveLimits(inputs.most_bytes)
+    document = parse_document(read_captures_json(content, limits), CAPTURES_FILE)
+    unpack(content, task.scratch, limits, picture_names(document))
     captures = CaptureSet.load(task.scratch)
     shown = {capture.fabric.id for capture in captures.captures}
     advance = counting(report, len(shown), "fabrics")
