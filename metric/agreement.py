@@ -111,7 +111,7 @@ def metric_agreement(
         answers: of all participants.
         fabrics: number of fabrics n.
         dimensions: of the embedding.
-        bootstrap: resamples; 0 for no interval.
+        bootstrap: resamples; 0 for no interval, nor is there one of a single participant.
         seed: of the starts and resamples.
 
     Raises:
@@ -119,7 +119,8 @@ def metric_agreement(
     """
     triplets = answer_array(answers)
     whole = embed(triplets, fabrics, dimensions=dimensions, seed=seed)
-    resampled = _resampled_distances(answers, fabrics, whole.points, bootstrap, seed)
+    several = len({answer.participant for answer in answers}) > 1  # of one person nothing can be drawn again
+    resampled = _resampled_distances(answers, fabrics, whole.points, bootstrap if several else 0, seed)
     found = {}
     for name, matrix in matrices.items():
         per_fabric = rank_correlations(matrix, whole.distances)

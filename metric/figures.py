@@ -41,7 +41,7 @@ def search_figure(
     grid = figure.subplots(len(rows), shown + 1, squeeze=False)
     for line, (metric, ranking) in zip(grid, rows.items(), strict=True):
         _show(line[0], reference, "reference")
-        line[0].set_ylabel(metric, fontsize=8)
+        line[0].set_ylabel(metric, fontsize=8, parse_math=False)
         for axes, (label, distance, pictures) in zip(line[1:], ranking, strict=False):
             _show(axes, pictures, f"{label}\n{distance:.3g}")
         for axes in line[1 + len(ranking) :]:
@@ -90,10 +90,11 @@ def embedding_figure(
             textcoords="offset points",
             ha="center",
             fontsize=7,
+            parse_math=False,  # an id may hold any character
             zorder=10,
             bbox={"pad": 0.5, "facecolor": "white", "edgecolor": "none"},
         )
-    axes.set_title(title, fontsize=9)
+    axes.set_title(title, fontsize=9, parse_math=False)
     _save(figure, path)
 
 
@@ -166,7 +167,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 def _show(axes: Axes, pictures: Pictures, title: str) -> None:
     axes.imshow(side_by_side(pictures), cmap="gray", vmin=0, vmax=255)
-    axes.set_title(title, fontsize=7)
+    axes.set_title(title, fontsize=7, parse_math=False)
     axes.set_xticks([])
     axes.set_yticks([])
 

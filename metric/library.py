@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from simcore.csv_text import parse_csv, parse_number
 from simcore.errors import InputError
 from simcore.json_text import parse_json
 from simcore.parameters import PARAMETER_NAMES, FabricParameters
@@ -62,6 +62,11 @@ def parse_library(rows: Iterable[Any], where: str) -> list[LibraryFabric]:
         if not isinstance(row, Mapping) or row.get("id") in (None, ""):
             raise InputError(f"{where}: fabric {number} has no id", code="library_id_missing")
         fabric_id = str(row["id"])
+        if any("\ud800" <= letter <= "\udfff" for letter in fabric_id):
+            raise InputError(
+                f"{where}: the id of fabric {number} holds half a character (\\ud800 to \\udfff): write it whole",
+                code="library_id",
+            )
         if fabric_id in fabrics:
             raise InputError(f"{where}: the id {fabric_id!r} occurs twice; ids must differ", code="library_id_twice")
         nested = row.get("parameters")
@@ -91,20 +96,19 @@ def _json_rows(text: str, path: Path) -> list[Any]:
 
 
 def _csv_rows(text: str, path: Path) -> list[dict[str, Any]]:
-    reader = csv.DictReader(text.splitlines())
-    missing = [n for n in ("id", *PARAMETER_NAMES) if n not in (reader.fieldnames or [])]
+    header, records = parse_csv(text, path)
+    missing = [n for n in ("id", *PARAMETER_NAMES) if n not in header]
     if missing:
         raise InputError(f"{path}: the header lacks {', '.join(missing)}", code="library_header")
     rows: list[dict[str, Any]] = []
-    for row in reader:
+    for row in records:
         numbers: dict[str, Any] = {"id": row["id"]}
         for name in PARAMETER_NAMES:
-            try:
-                numbers[name] = float(row[name])
-            except (TypeError, ValueError):
+            numbers[name] = parse_number(row[name])
+            if numbers[name] is None:
                 raise InputError(
                     f"{path}: fabric {row['id']!r}: {name} is not a number ({row[name]!r})",
                     code="parameter_not_a_number",
-                ) from None
+                )
         rows.append(numbers)
     return rows

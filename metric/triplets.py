@@ -12,6 +12,8 @@ from simcore.errors import InputError
 
 TRIPLETS_A_PARTICIPANT = 20
 TIMES_AS_REFERENCE = 2
+LEAST_FABRICS = 4
+"""Of three fabrics there are three questions, and each would have to be the reference twice."""
 
 
 @dataclass(frozen=True, order=True)
@@ -69,7 +71,7 @@ def draw_triplets(
     ``count`` allows, and no fabric much more often than another.
 
     Args:
-        fabrics: number of fabrics, at least 3.
+        fabrics: number of fabrics, at least 4.
         rng: random numbers of this participant.
         count: questions.
         shared: questions put to everybody, so that agreement can be measured; part of ``count``.
@@ -115,8 +117,12 @@ def check_plan(fabrics: int, count: int) -> None:
     Raises:
         InputError: they cannot.
     """
-    if fabrics < 3:
-        raise InputError(f"a triplet study needs at least 3 fabrics, got {fabrics}", code="fabrics_too_few")
+    if fabrics < LEAST_FABRICS:
+        raise InputError(
+            f"a triplet study needs at least {LEAST_FABRICS} fabrics, got {fabrics}: with fewer there are not enough "
+            f"questions for each to be the reference {TIMES_AS_REFERENCE} times",
+            code="fabrics_too_few",
+        )
     questions = fabrics * (fabrics - 1) * (fabrics - 2) // 2
     if count > questions:
         raise InputError(

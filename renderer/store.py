@@ -19,9 +19,16 @@ from renderer.store_format import (
     array_specs,
     object_key,
 )
-from renderer.store_location import listed_sizes, open_location, read_attributes, read_errors, store_exists
+from renderer.store_location import (
+    listed_sizes,
+    lost_attributes,
+    open_location,
+    read_attributes,
+    read_errors,
+    store_exists,
+)
 from renderer.store_writer import ShardRows, StoreWriter
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 
 __all__ = [
     "RowStatus",
@@ -73,6 +80,20 @@ class Store:
 
     def __len__(self) -> int:
         return self.layout.samples
+
+    @cached_property
+    def stated(self) -> Mapping[str, Any]:
+        """The attributes, all of them there: configuration, layout, seed, software version.
+
+        Raises:
+            StoreError: one is lost.
+        """
+        if lost := lost_attributes(self.attributes):
+            raise StoreError(
+                f"{self.url}: damaged (its attribute {lost[0]} is missing or of another kind): put its zarr.json back",
+                code="store_damaged",
+            )
+        return self.attributes
 
     @property
     def shards(self) -> int:

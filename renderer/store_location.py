@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from renderer.store_format import SCHEMA
@@ -19,16 +21,40 @@ if TYPE_CHECKING:
 
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+ATTRIBUTES: Mapping[str, type] = MappingProxyType(
+    {"configuration": Mapping, "layout": Mapping, "seed": int, "software_version": str}
+)
+"""What every store states of itself."""
 
 
 def is_remote(url: str | Path) -> bool:
-    """Whether the place is an object store rather than a local folder."""
-    return "://" in str(url) and not str(url).startswith("file://")
+    """Whether the place is an object store rather than a local folder.
+
+    Raises:
+        InputError: ``file:`` in another form than ``file:///folder``, or ``memory:``, which no other process sees.
+    """
+    text = str(url)
+    if text.startswith("memory:") or (text.startswith("file:") and not text.startswith("file:///")):
+        raise InputError(f"{url}: not a place for a store: name a folder, file:///folder or s3://...", code="store_url")
+    return "://" in text and not text.startswith("file://")
 
 
 def local_path(url: str | Path) -> Path:
     """Folder of a local store."""
     return Path(str(url).removeprefix("file://"))
+
+
+def remove_store(url: str | Path) -> None:
+    """Remove everything at a place, as far as it can be."""
+    if not is_remote(url):
+        shutil.rmtree(local_path(url), ignore_errors=True)
+        return
+    import obstore
+
+    with suppress(OSError, obstore.exceptions.BaseError):
+        place = object_store(url)
+        for batch in obstore.list(place):
+            obstore.delete(place, [entry["path"] for entry in batch])
 
 
 def listed_sizes(url: str | Path) -> Iterator[tuple[str, int]]:
@@ -107,7 +133,7 @@ def read_errors(url: str | Path) -> Iterator[None]:
     with store_errors(url):
         try:
             yield
-        except (RuntimeError, ValueError) as error:
+        except (RuntimeError, ValueError, TypeError, AttributeError) as error:
             raise StoreError(f"{url}: damaged ({_first_line(error)})", code="store_damaged") from error
 
 
@@ -140,6 +166,15 @@ def read_attributes(url: str | Path, attributes: Mapping[str, Any]) -> Mapping[s
     if schema != SCHEMA:
         raise StoreError(f"{url}: schema {schema!r} is not the {SCHEMA!r} that this version reads", code="store_schema")
     return attributes
+
+
+def lost_attributes(attributes: Mapping[str, Any]) -> list[str]:
+    """Names of what a store must state of itself and does not, or not in that kind."""
+    return [
+        name
+        for name, kind in ATTRIBUTES.items()
+        if not isinstance(attributes.get(name), kind) or isinstance(attributes.get(name), bool)
+    ]
 
 
 def _from_os_error(url: str | Path, error: OSError) -> DrapemeterError:

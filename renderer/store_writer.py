@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -19,12 +20,25 @@ from renderer.store_format import (
     combine_digests,
     per_shard,
 )
-from renderer.store_location import is_remote, local_path, open_location, read_attributes, store_errors, store_exists
+from renderer.store_location import (
+    is_remote,
+    listed_sizes,
+    local_path,
+    open_location,
+    read_attributes,
+    store_errors,
+    store_exists,
+)
 from simcore.errors import InputError, StoreError
 
 if TYPE_CHECKING:
     from zarr.core.buffer import Buffer
     from zarr.storage import WrapperStore
+
+
+_ARRAYS = "depth|parameters|scene|status|reason|inclination_deg|seed|material|jitter|checksum"
+_LAID_OUT = re.compile(rf"(({_ARRAYS}|drapes|drapes/(vertices|residual|energy))/)?zarr\.json(\..*partial)?")
+"""All that a store holds that was killed while it was laid out."""
 
 
 @dataclass(frozen=True)
@@ -191,10 +205,13 @@ def _refuse_occupied(url: str | Path) -> None:
         raise InputError(
             f"{url}: a store is there already; finish it with --resume or choose another --out", code="store_exists"
         )
-    if not is_remote(url):
-        folder = local_path(url)
-        if folder.is_file() or (folder.is_dir() and not (folder / "zarr.json").exists() and any(folder.iterdir())):
-            raise InputError(f"{url}: is there already and is no store; choose another --out", code="store_exists")
+    if not is_remote(url) and local_path(url).is_file():
+        raise InputError(f"{url}: is there already and is no store; choose another --out", code="store_exists")
+    if not all(_LAID_OUT.fullmatch(key) for key, _ in listed_sizes(url)):
+        raise InputError(
+            f"{url}: is there already and is no store, or one whose zarr.json is lost; choose another --out",
+            code="store_exists",
+        )
 
 
 def _create_array(group: Any, spec: ArraySpec, layout: StoreLayout) -> None:

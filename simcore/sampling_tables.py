@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from simcore.csv_text import parse_csv, parse_number
 from simcore.errors import InputError
 from simcore.json_text import parse_json
 from simcore.parameters import PARAMETER_NAMES, FabricParameters
@@ -68,23 +67,19 @@ def read_fabric_list(path: str | Path) -> list[FabricParameters]:
         raise InputError(f"{path}: no such file; give a CSV or JSON list of fabrics", code="file_missing") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as text ({error})", code="file_unreadable") from None
-    rows = _csv_rows(text) if file.suffix.lower() == ".csv" else _json_rows(path, text)
+    rows = _csv_rows(text, path) if file.suffix.lower() == ".csv" else _json_rows(path, text)
     if not rows:
         raise InputError(f"{path}: holds no fabric", code="list_empty")
     return [_fabric(path, number, row) for number, row in enumerate(rows, start=1)]
 
 
-def _csv_rows(text: str) -> list[dict[str, Any]]:
+def _csv_rows(text: str, path: str | Path) -> list[dict[str, Any]]:
+    _, records = parse_csv(text, path)
     rows: list[dict[str, Any]] = []
-    for record in csv.DictReader(io.StringIO(text)):
-        row: dict[str, Any] = {}
-        for name in PARAMETER_NAMES:
-            cell = record.get(name)
-            try:
-                row[name] = float(cell) if cell else None
-            except ValueError:
-                row[name] = cell
-        rows.append(row)
+    for record in records:
+        cells = {name: record.get(name) or None for name in PARAMETER_NAMES}
+        numbers = {name: None if cell is None else parse_number(cell) for name, cell in cells.items()}
+        rows.append({name: cells[name] if numbers[name] is None else numbers[name] for name in PARAMETER_NAMES})
     return rows
 
 

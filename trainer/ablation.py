@@ -17,10 +17,10 @@ from pathlib import Path
 
 from simcore.errors import InputError
 from trainer.config import AugmentConfig, TrainConfig
-from trainer.dataset import PictureSource
+from trainer.dataset import SCENES, PictureSource
 from trainer.evaluate import Metrics, evaluate
 from trainer.presets import preset_config
-from trainer.program import told_in_one_line
+from trainer.program import make_results_folder, told_in_one_line
 from trainer.train import split_of, train
 
 
@@ -121,6 +121,14 @@ def _run(options: argparse.Namespace) -> None:
             "give --preset standard or paper",
             code="trunk_width",
         )
+    make_results_folder(options.out)
+    shown = set(StoreSource(options.store).table().scene.tolist())
+    lacking = [scene.value for place, scene in enumerate(SCENES) if place not in shown]
+    if lacking:
+        raise InputError(
+            f"{options.store} lacks usable pictures of {' and '.join(lacking)}: the ablation compares both scenes",
+            code="scene_missing",
+        )
     sources: dict[str, PictureSource] = {
         "upright": StoreSource(options.store),
         "registered": StoreSource(options.store),
@@ -132,7 +140,6 @@ def _run(options: argparse.Namespace) -> None:
     for scenes in ("hanging", "stretch", "hanging+stretch"):
         parts += [f"\nInputs: {scenes}\n", table(inputs, scenes)]
     parts += ["\nDensity alone\n", table({"density": next(iter(inputs.values()))}, "density")]
-    options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "ablation.md").write_text("\n".join(parts) + "\n", encoding="utf-8")
     documents = {name: metrics.to_json() for name, metrics in {**steps, **inputs}.items()}
     (options.out / "ablation.json").write_text(json.dumps(documents, indent=1) + "\n", encoding="utf-8")

@@ -5,8 +5,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from simcore.errors import DrapemeterError, InputError
+
+
+def make_results_folder(folder: Path) -> None:
+    """Make the folder for results, before the work that fills it.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); name another", code="folder_unusable") from None
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from trainer.dataset import SCENES, PairStream, PictureSource, PictureTable, bat
 from trainer.model import TrainedModel, load_model
 from trainer.network import DrapeNetwork, Features, fuse
 from trainer.preprocess import network_images
-from trainer.program import told_in_one_line
+from trainer.program import make_results_folder, told_in_one_line
 
 _LEAST_SUM = 1e-7
 
@@ -117,10 +117,10 @@ def main() -> None:
     parser.add_argument("--out", required=True, type=Path)
     options = parser.parse_args()
     with told_in_one_line():
+        make_results_folder(options.out)
         model = load_model(options.model)
         source = StoreSource(options.store, model.config.inclinations)
         maps = aggregate(model, source, source.table().upright())
-    options.out.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(options.out / "saliency.npz", allow_pickle=False, **maps.maps)
     save_figure(maps, options.out / "saliency.png")
     (options.out / "saliency.json").write_text(json.dumps({"pictures": maps.pictures}) + "\n", encoding="utf-8")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -147,6 +149,8 @@ def parse_ranges(texts: list[str]) -> dict[str, tuple[float, float]]:
     for text in texts:
         name, _, pair = text.partition("=")
         low, _, high = pair.partition(":")
+        if name.strip() in ranges:
+            raise InputError(f"--range {name.strip()} is given twice: give it once", code="range_form")
         try:
             ranges[name.strip()] = (float(low), float(high))
         except ValueError:
@@ -198,6 +202,10 @@ class Watch:
 
     def begin(self, cost: CostEstimate) -> None:
         """The sweep starts."""
+        if (
+            threading.current_thread() is threading.main_thread()
+        ):  # a scheduler ends a job so; Ray has set its own by now
+            signal.signal(signal.SIGTERM, signal.default_int_handler)
         console.note(describe_cost(cost))
         self._bar.update(total=cost.simulations)
         self._total, self._noted = cost.simulations, time.monotonic()

@@ -36,6 +36,12 @@ GPU_SHARD = 256
 """The same where a shard is solved at once on a GPU."""
 
 
+MOST_MATERIALS = 2**24
+"""Sixteen million fabrics, whose table takes 1 GB: more than anybody can simulate."""
+
+MOST_JITTERS = 100_000
+
+
 class SweepConfiguration(BaseModel):
     """A sweep, resolved; stored in the store's attributes and compared when a sweep is resumed.
 
@@ -59,8 +65,8 @@ class SweepConfiguration(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    materials: int = Field(ge=1)
-    jitters: int = Field(default=1, ge=1)
+    materials: int = Field(ge=1, le=MOST_MATERIALS)
+    jitters: int = Field(default=1, ge=1, le=MOST_JITTERS)
     scenes: tuple[str, ...] = ("hanging", "stretch")
     inclinations: int = Field(default=11, ge=1, le=101)
     resolution_m: float = 0.01
@@ -107,8 +113,10 @@ class SweepConfiguration(BaseModel):
             first = error.errors()[0]
             name = ".".join(str(part) for part in first["loc"])
             raise InputError(f"{name}: {first['msg']} (got {first.get('input')!r})", code="sweep_value") from None
+        simulations = made.materials * len(made.scenes) * made.jitters
+        if made.simulations_per_shard > simulations:  # a shard is stored whole
+            return made.model_copy(update={"simulations_per_shard": simulations})
         if not made.simulations_per_shard:
-            simulations = made.materials * len(made.scenes) * made.jitters
             full = GPU_SHARD if made.solver is SolverKind.CUDA else FULL_SHARD
             return made.model_copy(update={"simulations_per_shard": max(1, min(full, simulations // 16))})
         return made

@@ -24,6 +24,9 @@ MAX_STILLBORN = 10
 
 POLL_S = 0.5
 
+LEAST_SILENCE_S = 10.0
+"""However short the time limit is, a simulation has this long to be told of."""
+
 
 @dataclass(frozen=True)
 class DispatchOptions:
@@ -212,7 +215,7 @@ class Dispatcher:
     def _end_hung(self) -> None:
         """Kill workers whose simulation has been silent far beyond its time limit."""
         now = time.monotonic()
-        limit = self._options.silence_factor * self._configuration.time_limit_s
+        limit = max(LEAST_SILENCE_S, self._options.silence_factor * self._configuration.time_limit_s)
         if self._configuration.solver is not SolverKind.SINGLE:
             limit *= self._configuration.simulations_per_shard  # it is silent until all of a shard are solved
         for stream, slot in list(self._running.items()):

@@ -117,8 +117,10 @@ def _shader(store: Store) -> Callable[[Any, float], Any]:
     """A function that draws a drape at an inclination."""
     from renderer.shade import ShadedRenderer
 
-    stored = store.attributes["configuration"]
-    mesh = GridMesh((stored["merged"][0] if "merged" in stored else stored)["resolution_m"])
+    stored = store.stated["configuration"]
+    while "merged" in stored:
+        stored = stored["merged"][0]
+    mesh = GridMesh(stored["resolution_m"])
     renderer = ShadedRenderer(CANONICAL_CAMERA)
     return lambda vertices, inclination: renderer.render(
         vertices, mesh.triangles, mesh.uv, frontal_pose(), inclination_deg=inclination

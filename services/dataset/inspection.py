@@ -78,7 +78,7 @@ def inspect_store(store: Store) -> StoreReport:
         stored_bytes=sum(sizes.values()),
         bytes_per_picture=picture,
         float32_ratio=4.0 * float(np.prod(layout.picture_size)) / picture,
-        configuration=dict(store.attributes["configuration"]),
-        seed=int(store.attributes["seed"]),
-        software_version=str(store.attributes["software_version"]),
+        configuration=dict(store.stated["configuration"]),
+        seed=int(store.stated["seed"]),
+        software_version=str(store.stated["software_version"]),
     )

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from renderer.store import ShardRows, Store, StoreLayout, StoreWriter
+from renderer.store import ShardRows, Store, StoreLayout, StoreWriter, store_exists
+from renderer.store_location import is_remote, local_path, remove_store
+from services.dataset.validation import checksum_faults
 from services.version import data_version
-from simcore.errors import InputError
+from simcore.errors import DrapemeterError, InputError, StoreError
 
 _ALIKE = ("scenes", "jitters", "inclinations_deg", "vertex_count", "picture_size")
 
 
 def merge_stores(sources: Sequence[Store], out: str, listen: Callable[[int], None] = lambda shard: None) -> Store:
     """Copy the samples of several stores into a new one; materials are numbered on from store to store.
+
+    One that was stopped goes on when it is called again; where a source fails, nothing is left of a new one.
 
     Rows keep their seeds, statuses and reasons. The parameters decide nothing: the same fabric in two stores stays two
     materials.
@@ -26,23 +33,56 @@ def merge_stores(sources: Sequence[Store], out: str, listen: Callable[[int], Non
         listen: called after each shard written.
 
     Raises:
-        InputError: fewer than two stores, unlike or unfinished ones, or something is at ``out``.
-        StoreError: a place fails.
+        InputError: fewer than two stores, unlike or unfinished ones, something is at ``out``, or it lies in a source.
+        StoreError: a place fails, or a source is damaged.
     """
     layout = _merged_layout(sources)
-    writer = StoreWriter.create(
-        out,
-        layout,
-        configuration={"merged": [dict(source.attributes["configuration"]) for source in sources]},
-        seed=int(sources[0].attributes["seed"]),
-        software_version=data_version(),
-    )
+    _refuse_inside(sources, out)
+    configuration = {"merged": [dict(source.stated["configuration"]) for source in sources]}
+    begun = store_exists(out)
+    if begun:
+        finished = _finished(out, layout, configuration)
+        writer = StoreWriter.open(out)
+    else:
+        finished = np.zeros(layout.shards, dtype=np.bool_)
+        seed = int(sources[0].stated["seed"])
+        writer = StoreWriter.create(
+            out, layout, configuration=configuration, seed=seed, software_version=data_version()
+        )
     simulations = _simulations(sources)
-    for shard in range(layout.shards):
-        rows = [next(simulations) for _ in layout.shard_simulations(shard)]
-        writer.write_shard(shard, ShardRows.concatenate(rows))
-        listen(shard)
+    try:
+        for shard in range(layout.shards):
+            rows = [next(simulations) for _ in layout.shard_simulations(shard)]
+            if not finished[shard]:
+                writer.write_shard(shard, ShardRows.concatenate(rows))
+            listen(shard)
+    except DrapemeterError:
+        if not begun:
+            remove_store(out)
+        raise
     return Store.open(out)
+
+
+def _finished(out: str, layout: StoreLayout, configuration: dict[str, Any]) -> NDArray[np.bool_]:
+    """Which shards a merge that was stopped has written.
+
+    Raises:
+        InputError: what is there is another store, or whole.
+    """
+    there = Store.open(out)
+    same = there.layout == layout and there.stated["configuration"] == json.loads(json.dumps(configuration))
+    if not same or there.complete.all() or there.stated["software_version"] != data_version():
+        raise InputError(f"{out}: a store is there already; choose another --out", code="store_exists")
+    return there.complete
+
+
+def _refuse_inside(sources: Sequence[Store], out: str) -> None:
+    if is_remote(out):
+        return
+    place = local_path(out).resolve()
+    for source in sources:
+        if not is_remote(source.url) and place.is_relative_to(local_path(source.url).resolve()):
+            raise InputError(f"{out} would lie in {source.url}: choose another --out", code="merge_inside")
 
 
 def _merged_layout(sources: Sequence[Store]) -> StoreLayout:
@@ -66,6 +106,11 @@ def _simulations(sources: Sequence[Store]) -> Iterator[ShardRows]:
     offset = 0
     for source in sources:
         for shard in range(source.shards):
+            if faults := checksum_faults(source, shard):
+                raise StoreError(
+                    f"{source.url}: {faults[0]}: see `drapemeter dataset validate`, and make the shard again",
+                    code="store_damaged",
+                )
             rows = source.read_shard(shard)
             rows = replace(rows, material=(rows.material + np.uint32(offset)).astype(np.uint32))
             for place in range(len(source.layout.shard_simulations(shard))):

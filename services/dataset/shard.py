@@ -20,7 +20,7 @@ from simcore.batch.request import Request
 from simcore.checks import check_request
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import DrapemeterError
-from simcore.parameters import FabricParameters
+from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 
 if TYPE_CHECKING:
     from services.dataset.solving import DrapeSolver
@@ -69,6 +69,20 @@ class ShardTask:
     one_by_one: bool = False
 
 
+def as_fabric(stored: NDArray[np.float32]) -> FabricParameters:
+    """The fabric of a store's row, [7]; a limit that single precision rounded across is that limit.
+
+    Raises:
+        InputError: outside the limits.
+    """
+    values = stored.astype(np.float64)
+    for place, name in enumerate(PARAMETER_NAMES):
+        for limit in LIMITS[name]:
+            if stored[place] == np.float32(limit):
+                values[place] = limit
+    return FabricParameters.from_array(values)
+
+
 def shard_requests(task: ShardTask, configuration: SweepConfiguration) -> dict[int, Request]:
     """What a shard asks of a solver, by seed; simulations that cannot be asked for are refused in their turn."""
     layout = configuration.layout
@@ -80,7 +94,7 @@ def shard_requests(task: ShardTask, configuration: SweepConfiguration) -> dict[i
         if number in task.given_up:
             continue
         try:
-            cloth = FabricParameters.from_array(fabric)
+            cloth = as_fabric(fabric)
             built = build_scene(configuration, name, cloth, seed)
             check_request(configuration.mesh, built.setup, None, configuration.time_limit_s)
             requests[seed] = Request(cloth, built.setup, seed, mechanics=built.mechanics)
@@ -112,7 +126,7 @@ def simulate_and_render(
     """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised."""
     nothing = _no_depth(configuration)
     try:
-        cloth = FabricParameters.from_array(fabric)
+        cloth = as_fabric(fabric)
         built = build_scene(configuration, scene, cloth, seed)
         drape = solver.solve(
             cloth,

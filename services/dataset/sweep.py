@@ -76,14 +76,14 @@ def shards_left(url: str, configuration: SweepConfiguration, *, resume: bool) ->
             f"{url}: a store is there already; finish it with --resume or choose another --out", code="store_exists"
         )
     store = Store.open(url)
-    differing = differences(store.attributes["configuration"], configuration)
+    differing = differences(store.stated["configuration"], configuration)
     if differing:
         raise InputError(
             f"{url}: was made with other settings ({', '.join(differing)}); "
             "resume it with its own, or choose another --out",
             code="store_configuration",
         )
-    if store.attributes["software_version"] != data_version():
+    if store.stated["software_version"] != data_version():
         raise InputError(
             f"{url}: was begun with version {store.attributes['software_version']}, this is {data_version()}; "
             "finish it with the same version, or choose another --out",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from renderer.store import RowStatus, ShardRows, Store
 from renderer.store_format import SCENE_CODES, array_specs, combine_digests
+from renderer.store_location import lost_attributes
 from services.dataset.configuration import simulation_seed
 from simcore.errors import StoreError
 
@@ -71,11 +72,7 @@ def validate_store(
 
 
 def _schema_faults(store: Store) -> list[str]:
-    faults = []
-    if not isinstance(store.attributes.get("configuration"), Mapping):
-        faults.append("attribute configuration is missing")
-    elif "merged" not in store.attributes["configuration"] and not isinstance(store.attributes.get("seed"), int):
-        faults.append("attribute seed is missing")
+    faults = [f"attribute {name} is missing" for name in lost_attributes(store.attributes)]
     for spec in array_specs(store.layout):
         try:
             array = store.array(spec.name)
@@ -96,6 +93,18 @@ def _schema_faults(store: Store) -> list[str]:
 def _shard_faults(store: Store, shard: int, complete: bool) -> list[str]:
     if not complete:
         return [f"shard {shard} is unfinished: complete the store with --resume"]
+    faults = checksum_faults(store, shard)
+    if faults:
+        return faults
+    try:
+        rows = store.read_shard(shard)
+    except StoreError as error:
+        return [f"shard {shard}: {error}"]
+    return [f"shard {shard}: {fault}" for fault in _row_faults(store, shard, rows)]
+
+
+def checksum_faults(store: Store, shard: int) -> list[str]:
+    """Whether a finished shard's objects are those that were written: what is wrong, one line each."""
     objects = store.stored_bytes(shard)
     missing = [key for key, value in objects.items() if value is None]
     if missing:
@@ -103,11 +112,7 @@ def _shard_faults(store: Store, shard: int, complete: bool) -> list[str]:
     digests = [(key, hashlib.sha256(value).digest()) for key, value in objects.items() if value is not None]
     if combine_digests(digests) != store.checksums[shard].tobytes():
         return [f"shard {shard}: checksum does not match what is stored"]
-    try:
-        rows = store.read_shard(shard)
-    except StoreError as error:
-        return [f"shard {shard}: {error}"]
-    return [f"shard {shard}: {fault}" for fault in _row_faults(store, shard, rows)]
+    return []
 
 
 def _row_faults(store: Store, shard: int, rows: ShardRows) -> list[str]:
@@ -124,8 +129,8 @@ def _row_faults(store: Store, shard: int, rows: ShardRows) -> list[str]:
             np.asarray(layout.inclinations_deg, np.float32), len(layout.shard_simulations(shard))
         ),
     }
-    if "merged" not in store.attributes["configuration"]:
-        seed = int(store.attributes["seed"])
+    if "merged" not in store.stated["configuration"]:
+        seed = int(store.stated["seed"])
         triples = zip(address[:, 0], codes[address[:, 1]], address[:, 2], strict=True)
         expected["seed"] = np.array([simulation_seed(seed, triple) for triple in triples], dtype=np.uint64)
     faults = [

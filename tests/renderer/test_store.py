@@ -170,6 +170,45 @@ def test_a_store_killed_at_its_start_is_laid_out_anew(tmp_path: Path) -> None:
     assert Store.open(tmp_path / "s.zarr").complete.all()
 
 
+def test_somebodys_own_group_is_not_laid_out_anew(tmp_path: Path) -> None:
+    group = zarr.open_group(tmp_path / "mine.zarr", mode="w", zarr_format=3)
+    group.create_array("depth", shape=(5, 4), dtype="f4")[:] = 7
+    with pytest.raises(InputError, match="is no store"):
+        make(tmp_path / "mine.zarr")
+    assert (zarr.open_group(tmp_path / "mine.zarr", mode="r")["depth"][:] == 7).all()
+
+
+def test_a_store_whose_attributes_are_lost_is_not_laid_out_anew(tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    (tmp_path / "s.zarr" / "zarr.json").write_text('{"zarr_format": 3, "node_type": "group"}')
+    with pytest.raises(InputError, match=r"zarr\.json is lost"):
+        make(tmp_path / "s.zarr")
+
+
+@pytest.mark.parametrize("text", ["[]", "null", "3", '{"zarr_format": 3, "node_type": "group", "attributes": []}'])
+def test_a_root_that_is_no_group_is_damage(text: str, tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    (tmp_path / "s.zarr" / "zarr.json").write_text(text)
+    with pytest.raises(StoreError) as caught:
+        Store.open(tmp_path / "s.zarr")
+    assert caught.value.code in {"store_damaged", "store_schema"}
+
+
+@pytest.mark.parametrize(("name", "value"), [("seed", "7"), ("configuration", None), ("software_version", 1)])
+def test_attributes_of_another_kind_are_damage(name: str, value: object, tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    zarr.open_group(tmp_path / "s.zarr", mode="r+").attrs.update({name: value})
+    store = Store.open(tmp_path / "s.zarr")
+    with pytest.raises(StoreError, match=f"attribute {name}"):
+        _ = store.stated
+
+
+@pytest.mark.parametrize("url", ["file:/tmp/x.zarr", "file://localhost/tmp/x.zarr", "memory:///x"])
+def test_urls_that_would_go_elsewhere_are_refused(url: str) -> None:
+    with pytest.raises(InputError, match="not a place for a store"):
+        store_exists(url)
+
+
 @pytest.mark.parametrize(
     ("number", "code"),
     [

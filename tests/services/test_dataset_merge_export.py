@@ -15,7 +15,7 @@ from services.dataset.export import export_store
 from services.dataset.merge import merge_stores
 from services.dataset.sweep import prepare_store
 from services.dataset.validation import validate_store
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 from tests.services.dataset_helpers import small_sweep
 from tests.services.dataset_rows import made_up_store, rows_of
 
@@ -53,6 +53,44 @@ def test_unlike_unfinished_and_single_stores_are_not_merged(stores: list[Store],
         with pytest.raises(InputError, match=message):
             merge_stores(sources, out)
     assert not Path(out).exists()
+
+
+def test_a_damaged_source_is_told_and_leaves_nothing(stores: list[Store], tmp_path: Path) -> None:
+    (part,) = (tmp_path / "1.zarr" / "parameters" / "c" / "0").glob("*")
+    content = bytearray(part.read_bytes())
+    content[-1] ^= 1
+    part.write_bytes(content)
+    with pytest.raises(StoreError, match=r"1\.zarr: shard 0: checksum"):
+        merge_stores([stores[0], Store.open(tmp_path / "1.zarr")], str(tmp_path / "both.zarr"))
+    assert not (tmp_path / "both.zarr").exists()
+
+
+def test_a_merge_that_was_stopped_goes_on(stores: list[Store], tmp_path: Path) -> None:
+    def stop(shard: int) -> None:
+        if shard == 1:
+            raise KeyboardInterrupt
+
+    out = str(tmp_path / "both.zarr")
+    with pytest.raises(KeyboardInterrupt):
+        merge_stores(stores, out, stop)
+    assert Store.open(out).complete.tolist()[:3] == [True, True, False]
+    with pytest.raises(InputError, match="choose another --out"):
+        merge_stores(stores[::-1], out)
+    assert validate_store(merge_stores(stores, out)).valid
+    with pytest.raises(InputError, match="choose another --out"):
+        merge_stores(stores, out)
+
+
+def test_nothing_is_merged_into_a_source(stores: list[Store], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="would lie in"):
+        merge_stores(stores, str(tmp_path / "0.zarr" / "both"))
+
+
+def test_a_merge_of_merges_is_drawn(stores: list[Store], tmp_path: Path) -> None:
+    once = merge_stores(stores, str(tmp_path / "once.zarr"))
+    twice = merge_stores([once, stores[0]], str(tmp_path / "twice.zarr"))
+    assert export_store(twice, tmp_path / "out", shaded=True, limit=1) == 1
+    assert len(list((tmp_path / "out" / "shaded").iterdir())) == 1
 
 
 def test_export_writes_pictures_and_a_table_that_agree(stores: list[Store], tmp_path: Path) -> None:

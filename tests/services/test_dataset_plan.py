@@ -27,6 +27,13 @@ def test_the_readme_sweep_resolves() -> None:
     assert layout.vertex_count == 51 * 51
 
 
+def test_a_shard_is_no_larger_than_the_sweep_and_a_sweep_has_an_end() -> None:
+    assert SweepConfiguration.resolve(materials=2, simulations_per_shard=3_000_000).simulations_per_shard == 4
+    for values in ({"materials": 3_000_000_000}, {"materials": 1, "jitters": 10**30}):
+        with pytest.raises(InputError, match="less than or equal"):
+            SweepConfiguration.resolve(**values)
+
+
 def test_one_inclination_is_upright() -> None:
     assert SweepConfiguration.resolve(materials=1, inclinations=1).inclinations_deg == (0.0,)
 

@@ -10,12 +10,19 @@ import pytest
 from diagnosis.extension import AppliedEffect
 from renderer.store import RowStatus, Store
 from services.dataset.inspection import inspect_store
-from services.dataset.shard import ShardTask, picture_fault, shard_requests, simulate_and_render, simulate_shard
+from services.dataset.shard import (
+    ShardTask,
+    as_fabric,
+    picture_fault,
+    shard_requests,
+    simulate_and_render,
+    simulate_shard,
+)
 from services.dataset.sweep import prepare_store
 from services.dataset.worker import ShardWorker
 from simcore.drape import Drape, DrapeStatus
-from simcore.errors import SimulationError
-from simcore.parameters import FabricParameters
+from simcore.errors import InputError, SimulationError
+from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.scenes import Setup
 from simcore.solver import Solver
 from tests.services.dataset_helpers import small_sweep, write_without_ray
@@ -63,6 +70,14 @@ def test_every_ending_has_its_status_and_reason(result: Drape | Exception, statu
     assert outcome.status is status
     assert reason in outcome.reason and bool(outcome.reason) == (status is not RowStatus.OK)
     assert outcome.depth.any() == (status is RowStatus.OK)
+
+
+def test_values_at_the_limits_are_within_them_in_single_precision() -> None:
+    for side in (0, 1):
+        values = [LIMITS[name][side] for name in PARAMETER_NAMES]
+        assert as_fabric(np.array(values, dtype=np.float32)).as_array().tolist() == values
+    with pytest.raises(InputError):
+        as_fabric(np.array([1, 1, 1, 1e-9, 1e-5, 1e-5, 0.2], dtype=np.float32))
 
 
 def test_bad_pictures_are_noticed() -> None:
