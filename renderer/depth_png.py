@@ -93,6 +93,11 @@ def read_counts(path: Path | str) -> NDArray[np.uint16]:
     except UnidentifiedImageError as error:
         raise InputError(f"{path} is not a PNG picture", code="depth_not_png") from error
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        if "MAX_TEXT" in str(error):
+            raise InputError(
+                f"depth picture {path} holds a text of more than a megabyte beside the pixels: save it without",
+                code="depth_damaged",
+            ) from error
         raise InputError(f"depth picture {path} is damaged or cut off: {error}", code="depth_damaged") from error
     if mode != "I;16":
         raise InputError(

@@ -57,7 +57,8 @@ def prepare_tasks(
     assumed = list(not_stated(captures))
     tasks = []
     for fabric_id, fabric in captures.fabrics.items():
-        own = captures.of_fabric(fabric_id)
+        # which fold states a capture finds depends on those sought before: in an order that no file decides
+        own = sorted(captures.of_fabric(fabric_id), key=lambda c: (c.scene.value, c.repeat, c.id))
         if not own:
             continue
         parameters, sigma = stated_parameters(fabric, [prepared[c.id] for c in own], assumed)

@@ -49,7 +49,16 @@ def make(
     from diagnosis.blind.make import BlindPlan, case_maker, make_blind_check
 
     left_out = tuple(name.strip() for text in withhold for name in text.split(",") if name.strip())
-    plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, left_out, tuple(scenes.split(",")))
+    plan = BlindPlan(
+        cases,
+        seed,
+        fabrics,
+        repeats,
+        pool,
+        resolution,
+        left_out,
+        tuple(name.strip() for name in scenes.split(",") if name.strip()),
+    )
     plan.check()
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder", code="output_is_file")
@@ -100,6 +109,8 @@ def score(
     from renderer.atomic import write_atomically
     from services.cli.diagnose import default_cache
 
+    if workers < 1:
+        raise InputError(f"{workers} workers: give 1 or more", code="workers")
     manifest = read_manifest(out)
     if train is not None and not any((train / EXAMPLES_FOLDER).glob("*.npz")):
         raise InputError(f"{train}: nothing to train on: run `drapemeter blind score` there first", code="blind_train")

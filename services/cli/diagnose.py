@@ -107,6 +107,17 @@ def _check_out(out: Path) -> None:
         check_file(out / name)
 
 
+def _is_own(path: Path) -> bool:
+    """Whether a simulator file is there that a report wrote; anything else of that name is somebody's."""
+    from diagnosis.extension import SimulatorExtension
+
+    try:
+        SimulatorExtension.load(path)
+    except InputError:
+        return False
+    return True
+
+
 def _check_modes(isolability: bool, build_atlas: bool, apply: bool, address: str | None) -> None:
     """Refuse options of which one would be passed over.
 
@@ -152,7 +163,7 @@ def _diagnose(
     write_atomically(out / REPORT, (json.dumps(console.to_plain(document), indent=1, allow_nan=False) + "\n").encode())
     if apply:
         SimulatorExtension.of(found.report, found.pin_radius_m).save(out / SIMULATOR)
-    elif (out / SIMULATOR).exists():
+    elif _is_own(out / SIMULATOR):
         (out / SIMULATOR).unlink()
         console.note(f"{out / SIMULATOR} was of an earlier report and is gone: --apply writes this one's")
     if json_output:

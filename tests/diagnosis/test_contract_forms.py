@@ -72,6 +72,13 @@ def test_a_set_that_states_everything_assumes_nothing(altered: Callable[[Change]
     assert all(c.sensor_known and c.pose_known for task in tasks for c in task.captures)
 
 
+def test_the_order_of_captures_in_the_file_decides_nothing(altered: Callable[[Change], CaptureSet]) -> None:
+    tasks, _ = tasks_of(altered(lambda value: value["captures"].reverse()))
+    keys = [[(c.scene.setup.scene.value, c.repeat, c.id) for c in task.captures] for task in tasks]
+    assert [task.id for task in tasks] == ["f1", "f2"]
+    assert keys == [sorted(own) for own in keys]
+
+
 def test_a_fabric_without_density_is_taken_wide(altered: Callable[[Change], CaptureSet]) -> None:
     tasks, assumed = tasks_of(altered(lambda value: value["fabrics"][0].update(density=None)))
     assert "fabric f1: no density" in assumed

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from diagnosis.blind.make import BLIND_FORMAT, MANIFEST_FILE, MANIFEST_KEYS
-from services.cli import main
+from diagnosis.extension import SimulatorExtension
+from services.cli import diagnose, main
 from services.cli.outputs import check_file, check_folder
 from simcore.errors import InputError
 from tests.capture.flat import add
@@ -135,3 +136,25 @@ def test_a_folder_without_permission(place: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(InputError, match="cannot be written to"):
         check_folder(place / "new", "name another")
+
+
+def test_a_simulator_file_that_no_report_wrote_is_not_taken_for_an_earlier_ones(tmp_path: Path) -> None:
+    path = tmp_path / "simulator.json"
+    assert not diagnose._is_own(path)
+    path.write_text('{"mine": 1}')
+    assert not diagnose._is_own(path)
+    SimulatorExtension(effects=()).save(path)
+    assert diagnose._is_own(path)
+
+
+@pytest.mark.parametrize("workers", ["0", "-3"])
+def test_a_check_needs_a_worker(workers: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.run(["blind", "score", str(tmp_path), "--workers", workers]) == 2
+    assert capsys.readouterr().err.strip().endswith("[workers]")
+
+
+def test_names_of_scenes_may_have_blanks(tmp_path: Path) -> None:
+    plan = ["blind", "make", "2", str(tmp_path / "check"), "--scenes", "hanging, stretch,", "--plan-only"]
+    assert main.run(plan) == 0
+    manifest = json.loads((tmp_path / "check" / MANIFEST_FILE).read_text())
+    assert "stretch" in json.dumps(manifest)
