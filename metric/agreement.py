@@ -124,13 +124,19 @@ def metric_agreement(
     found = {}
     for name, matrix in matrices.items():
         per_fabric = rank_correlations(matrix, whole.distances)
-        means = [float(np.nanmean(rank_correlations(matrix, d))) for d in resampled]
+        means = [mean for d in resampled if not np.isnan(mean := _mean(rank_correlations(matrix, d)))]
         interval = (float(np.percentile(means, 2.5)), float(np.percentile(means, 97.5))) if means else None
         reference, chosen, rejected = triplets.T
         nearer = matrix[reference, chosen] - matrix[reference, rejected]
         predicted = float(np.mean(np.where(nearer == 0, 0.5, nearer < 0)))
-        found[name] = MetricAgreement(per_fabric, float(np.nanmean(per_fabric)), interval, predicted)
+        found[name] = MetricAgreement(per_fabric, _mean(per_fabric), interval, predicted)
     return found
+
+
+def _mean(values: NDArray[np.float64]) -> float:
+    """Mean of the numbers among them; NaN where there is none."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")
 
 
 def _resampled_distances(

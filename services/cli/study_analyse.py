@@ -138,8 +138,8 @@ def _print(document: dict[str, Any]) -> None:
     share = "not measured" if agreed.share is None else f"{100 * agreed.share:.1f} % over {agreed.questions} questions"
     console.say(f"{document['participants']} {document['observers']}, {document['answers']} answers; agreement {share}")
     for name, score in document["metrics"].items():
-        low, high = score.interval_95 or (float("nan"), float("nan"))
+        interval = "no interval" if score.interval_95 is None else "[{:.3f}, {:.3f}]".format(*score.interval_95)
         console.say(
-            f"  {name:<14} Spearman {score.mean:.3f}  [{low:.3f}, {high:.3f}]  "
+            f"  {name:<14} Spearman {score.mean:.3f}  {interval}  "
             f"answers predicted {100 * score.answers_predicted:.1f} %"
         )

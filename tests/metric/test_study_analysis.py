@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 
 import numpy as np
@@ -137,6 +138,15 @@ def test_metric_agreement_tells_the_true_metric_from_noise() -> None:
     assert found["noise"].mean < 0.6
     assert found["noise"].interval_95 is not None
     assert found["noise"].interval_95[1] < interval[0] + 0.1
+
+
+def test_of_one_participant_there_is_no_interval_and_of_one_distance_no_correlation() -> None:
+    answers = simulate_observers(distances(known_points(6)), 1, seed=3, noise=0.2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = metric_agreement({"flat": np.ones((10, 10)) - np.eye(10)}, answers, 10, bootstrap=25)
+    assert found["flat"].interval_95 is None
+    assert np.isnan(found["flat"].mean)
 
 
 def test_rank_correlation_is_spearmans() -> None:
