@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 _ARRAYS = "depth|parameters|scene|status|reason|inclination_deg|seed|material|jitter|checksum"
-_LAID_OUT = re.compile(rf"(({_ARRAYS}|drapes|drapes/(vertices|residual|energy))/)?zarr\.json(\..*partial)?")
+_LAID_OUT = re.compile(rf"(({_ARRAYS}|drapes|drapes/(vertices|residual|energy))/)?zarr\.(json|[^/]*partial)")
 """All that a store holds that was killed while it was laid out."""
 
 

@@ -165,6 +165,7 @@ def test_places_that_are_taken_or_empty_are_named(tmp_path: Path) -> None:
 
 def test_a_store_killed_at_its_start_is_laid_out_anew(tmp_path: Path) -> None:
     zarr.open_group(tmp_path / "s.zarr", mode="w").create_array("depth", shape=(3,), dtype="u1")
+    (tmp_path / "s.zarr" / "depth" / "zarr.0a1b.partial").write_text("{")  # in the middle of an object
     assert not store_exists(tmp_path / "s.zarr")
     make(tmp_path / "s.zarr")
     assert Store.open(tmp_path / "s.zarr").complete.all()
