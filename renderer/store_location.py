@@ -201,7 +201,7 @@ def _from_obstore(url: str | Path, error: Exception) -> DrapemeterError:
             f"{url}: the object store refuses these credentials; check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY",
             code="store_credentials",
         )
-    if isinstance(error, exceptions.NotFoundError):
+    if isinstance(error, exceptions.NotFoundError) or "NoSuchBucket" in str(error):  # a listing says it in words alone
         return InputError(f"{url}: there is no such bucket or store; check the place", code="store_missing")
     return StoreError(f"{url}: the object store fails ({_first_line(error)})", code="store_unreachable")
 

@@ -121,7 +121,6 @@ def _run(options: argparse.Namespace) -> None:
             "give --preset standard or paper",
             code="trunk_width",
         )
-    make_results_folder(options.out)
     shown = set(StoreSource(options.store).table().scene.tolist())
     lacking = [scene.value for place, scene in enumerate(SCENES) if place not in shown]
     if lacking:
@@ -129,6 +128,7 @@ def _run(options: argparse.Namespace) -> None:
             f"{options.store} lacks usable pictures of {' and '.join(lacking)}: the ablation compares both scenes",
             code="scene_missing",
         )
+    make_results_folder(options.out)
     sources: dict[str, PictureSource] = {
         "upright": StoreSource(options.store),
         "registered": StoreSource(options.store),

@@ -117,10 +117,11 @@ def main() -> None:
     parser.add_argument("--out", required=True, type=Path)
     options = parser.parse_args()
     with told_in_one_line():
-        make_results_folder(options.out)
         model = load_model(options.model)
         source = StoreSource(options.store, model.config.inclinations)
-        maps = aggregate(model, source, source.table().upright())
+        pictures = source.table().upright()
+        make_results_folder(options.out)
+        maps = aggregate(model, source, pictures)
     np.savez_compressed(options.out / "saliency.npz", allow_pickle=False, **maps.maps)
     save_figure(maps, options.out / "saliency.png")
     (options.out / "saliency.json").write_text(json.dumps({"pictures": maps.pictures}) + "\n", encoding="utf-8")
