@@ -19,8 +19,9 @@ from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from hinge_cloth import HingeCloth, Mesh, carried
+from hinge_cloth import HingeCloth
 from numpy.typing import NDArray
+from triangle_mesh import Mesh, carried
 
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import DiagnosisOptions, diagnose

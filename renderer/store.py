@@ -22,7 +22,7 @@ from renderer.store_format import (
 from renderer.store_location import (
     listed_sizes,
     lost_attributes,
-    open_location,
+    open_root,
     read_attributes,
     read_errors,
     store_exists,
@@ -65,15 +65,12 @@ class Store:
             InputError: no store there, no permission, wrong credentials.
             StoreError: not a store of this schema, or the place fails.
         """
-        import zarr
-        from zarr.errors import GroupNotFoundError
-
+        found = open_root(url)
+        if found is None:
+            raise InputError(f"{url}: no store there", code="store_missing")
+        group, attributes = found
         with read_errors(url):
-            try:
-                group = zarr.open_group(open_location(url, read_only=True), mode="r", zarr_format=3)
-            except (GroupNotFoundError, FileNotFoundError):
-                raise InputError(f"{url}: no store there", code="store_missing") from None
-            return cls(url, group, read_attributes(url, dict(group.attrs)))
+            return cls(url, group, read_attributes(url, attributes))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return (Store.open, (self.url,))

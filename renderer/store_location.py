@@ -133,7 +133,7 @@ def read_errors(url: str | Path) -> Iterator[None]:
     with store_errors(url):
         try:
             yield
-        except (RuntimeError, ValueError, TypeError, AttributeError) as error:
+        except (RuntimeError, ValueError) as error:
             raise StoreError(f"{url}: damaged ({_first_line(error)})", code="store_damaged") from error
 
 
@@ -144,14 +144,28 @@ def store_exists(url: str | Path) -> bool:
         InputError: no permission, wrong credentials.
         StoreError: the place fails.
     """
+    found = open_root(url)
+    return found is not None and "schema" in found[1]
+
+
+def open_root(url: str | Path) -> tuple[Any, dict[str, Any]] | None:
+    """The Zarr group at a place, read only, with its attributes; None where there is none.
+
+    Raises:
+        InputError: no permission, wrong credentials.
+        StoreError: the place fails, or its ``zarr.json`` says nothing that is a group.
+    """
     import zarr
     from zarr.errors import GroupNotFoundError
 
     with read_errors(url):
         try:
-            return "schema" in zarr.open_group(open_location(url, read_only=True), mode="r", zarr_format=3).attrs
+            group = zarr.open_group(open_location(url, read_only=True), mode="r", zarr_format=3)
+            return group, dict(group.attrs)
         except (GroupNotFoundError, FileNotFoundError):
-            return False
+            return None
+        except (TypeError, AttributeError, KeyError) as error:  # what Zarr makes of JSON of another form
+            raise StoreError(f"{url}: damaged (its zarr.json is no group's)", code="store_damaged") from error
 
 
 def read_attributes(url: str | Path, attributes: Mapping[str, Any]) -> Mapping[str, Any]:

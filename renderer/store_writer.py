@@ -36,9 +36,8 @@ if TYPE_CHECKING:
     from zarr.storage import WrapperStore
 
 
-_ARRAYS = "depth|parameters|scene|status|reason|inclination_deg|seed|material|jitter|checksum"
-_LAID_OUT = re.compile(rf"(({_ARRAYS}|drapes|drapes/(vertices|residual|energy))/)?zarr\.(json|[^/]*partial)")
-"""All that a store holds that was killed while it was laid out."""
+METADATA = re.compile(r"zarr\.(json|[^/]*partial)")
+"""Zarr's own objects, whole or in the middle of being written."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ class StoreWriter:
         import zarr
 
         with store_errors(url):
-            _refuse_occupied(url)
+            _refuse_occupied(url, layout)
             location, digests = _recording(url)
             group = zarr.open_group(location, mode="a", zarr_format=3)
             for spec in array_specs(layout):
@@ -200,14 +199,17 @@ class StoreWriter:
                 )
 
 
-def _refuse_occupied(url: str | Path) -> None:
+def _refuse_occupied(url: str | Path, layout: StoreLayout) -> None:
     if store_exists(url):
         raise InputError(
             f"{url}: a store is there already; finish it with --resume or choose another --out", code="store_exists"
         )
     if not is_remote(url) and local_path(url).is_file():
         raise InputError(f"{url}: is there already and is no store; choose another --out", code="store_exists")
-    if not all(_LAID_OUT.fullmatch(key) for key, _ in listed_sizes(url)):
+    # a store that was killed while it was laid out has metadata of its groups and arrays, and nothing else
+    places = {"", *(f"{part}/" for spec in array_specs(layout) for part in (spec.name, spec.name.split("/")[0]))}
+    keys = (key.rpartition("/") for key, _ in listed_sizes(url))
+    if not all(f"{place}{slash}" in places and METADATA.fullmatch(name) for place, slash, name in keys):
         raise InputError(
             f"{url}: is there already and is no store, or one whose zarr.json is lost; choose another --out",
             code="store_exists",

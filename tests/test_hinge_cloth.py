@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import math
-import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -31,21 +31,23 @@ SCENE = SimulationScene(Setup.nominal(Scene.HANGING, pin_radius_m=0.0))
 
 
 @pytest.fixture(scope="module")
-def hinges() -> Any:
-    """The module, from its file: ``bench`` is no package."""
-    path = Path(__file__).parents[1] / "bench" / "hinge_cloth.py"
-    spec = importlib.util.spec_from_file_location("hinge_cloth", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["hinge_cloth"] = module
-    spec.loader.exec_module(module)
-    return module
+def hinges() -> Iterator[Any]:
+    """The modules, from their folder: ``bench`` is no package."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(Path(__file__).parents[1] / "bench"))
+        yield importlib.import_module("hinge_cloth")
 
 
 @pytest.fixture(scope="module")
-def mesh(hinges: Any) -> Any:
+def meshes(hinges: Any) -> Any:
+    """The module of its triangulations."""
+    return importlib.import_module("triangle_mesh")
+
+
+@pytest.fixture(scope="module")
+def mesh(meshes: Any) -> Any:
     """Cells of 20 mm."""
-    return hinges.Mesh.of((0.5, 0.5), 0.02, 1)
+    return meshes.Mesh.of((0.5, 0.5), 0.02, 1)
 
 
 def test_forces_are_the_energys_derivative(hinges: Any, mesh: Any) -> None:
@@ -85,8 +87,8 @@ def test_a_curved_sheet_wants_to_bend_towards_the_camera(hinges: Any, mesh: Any)
     assert cloth._bent(bowl, False)[0] < cloth._bent(flat, False)[0]
 
 
-def test_it_comes_to_rest_in_front_of_the_panel(hinges: Any) -> None:
-    coarse = hinges.Mesh.of((0.5, 0.5), 0.04, 1)
+def test_it_comes_to_rest_in_front_of_the_panel(hinges: Any, meshes: Any) -> None:
+    coarse = meshes.Mesh.of((0.5, 0.5), 0.04, 1)
     cloth = hinges.HingeCloth(coarse, FABRIC, SCENE, 3)
     x, left = cloth.drape()
     assert left < hinges.REST
@@ -95,10 +97,10 @@ def test_it_comes_to_rest_in_front_of_the_panel(hinges: Any) -> None:
     assert -0.6 < x[:, 1].min() < -0.4
 
 
-def test_a_rest_goes_on_where_it_was_on_finer_cells(hinges: Any, mesh: Any) -> None:
-    coarse = hinges.Mesh.of((0.5, 0.5), 0.04, 1)
+def test_a_rest_goes_on_where_it_was_on_finer_cells(hinges: Any, meshes: Any, mesh: Any) -> None:
+    coarse = meshes.Mesh.of((0.5, 0.5), 0.04, 1)
     x, _ = hinges.HingeCloth(coarse, FABRIC, SCENE, 3).drape()
-    start = hinges.carried(x, coarse, mesh)
+    start = meshes.carried(x, coarse, mesh)
     corners = [hinges.HingeCloth(m, FABRIC, SCENE, 3).held for m in (coarse, mesh)]
     assert start[corners[1]] == pytest.approx(x[corners[0]])
     cloth = hinges.HingeCloth(mesh, FABRIC, SCENE, 3)

@@ -40,7 +40,6 @@ EXIT_FAILURE = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
-FULL = "cannot_write"
 
 OVERVIEW = """How will it drape? Fabric mechanics from depth pictures, and what a simulator still lacks.
 
@@ -99,8 +98,8 @@ def build_app(selected: str | None = None) -> typer.Typer:
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; errors become one line on standard error."""
     arguments = list(arguments)
-    if (closed := _open_streams()) and "--json" in arguments:
-        console.error_line("standard output is closed: there is nowhere for the JSON document to go", closed)
+    if _replace_closed_streams() and "--json" in arguments:
+        console.error_line("standard output is closed: there is nowhere for the JSON document to go", "stdout_closed")
         return EXIT_FAILURE
     debug = "--debug" in arguments[: _command_index(arguments)] or os.environ.get("DRAPEMETER_DEBUG") == "1"
     with console.document_only() if "--json" in arguments else nullcontext():
@@ -130,25 +129,27 @@ def run(arguments: Sequence[str]) -> int:
                 return EXIT_BAD_INPUT
             if isinstance(error, OSError) and error.errno in NO_ROOM:
                 place = error.filename or "what the command makes"
-                console.error_line(f"cannot write {place}: {error.strerror}; make room, or name another place", FULL)
+                console.error_line(
+                    f"cannot write {place}: {error.strerror}; make room, or name another place", "cannot_write"
+                )
                 return EXIT_FAILURE
-            if type(error).__module__ == "sqlalchemy.exc" and getattr(error, "orig", None) is not None:
-                reason = " ".join(str(error.orig).split())  # type: ignore[attr-defined]
-                console.error_line(f"the database did not do it: {reason}", "database_unreachable")
+            refusal = getattr(error, "orig", None) if type(error).__module__ == "sqlalchemy.exc" else None
+            if refusal is not None:
+                console.error_line(f"the database did not do it: {refusal}", "database_unreachable")
                 return EXIT_FAILURE
             text = f"unexpected {type(error).__name__}: {error}; `drapemeter --debug ...` shows where"
             console.error_line(text, "unexpected")
             return EXIT_FAILURE
 
 
-def _open_streams() -> str:
-    """Give a stream that is closed (`>&-`) somewhere to go; the code of a closed standard output, or nothing."""
+def _replace_closed_streams() -> bool:
+    """Give a stream that is closed (`>&-`) somewhere to go; whether standard output was."""
     closed = sys.stdout is None
     if closed:
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  until the process ends
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
-    return "stdout_closed" if closed else ""
+    return closed
 
 
 def main() -> None:

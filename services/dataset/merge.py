@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -70,7 +69,7 @@ def _finished(out: str, layout: StoreLayout, configuration: dict[str, Any]) -> N
         InputError: what is there is another store, or whole.
     """
     there = Store.open(out)
-    same = there.layout == layout and there.stated["configuration"] == json.loads(json.dumps(configuration))
+    same = there.layout == layout and there.stated["configuration"] == configuration
     if not same or there.complete.all() or there.stated["software_version"] != data_version():
         raise InputError(f"{out}: a store is there already; choose another --out", code="store_exists")
     return there.complete

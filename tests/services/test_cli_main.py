@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -110,6 +112,18 @@ def test_a_usage_error_of_a_subcommand_names_its_own_help(
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and len(said) < 200
     assert f"`{hint}`" in said
+
+
+def test_a_full_disk_is_one_line_with_the_path(
+    probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def body() -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "cache/x.npz")
+
+    probe(body)
+    assert main.run(["simulate"]) == 1
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and "cache/x.npz" in line and line.endswith("[cannot_write]\n")
 
 
 def test_a_path_that_the_system_does_not_take_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
