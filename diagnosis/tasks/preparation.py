@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -61,6 +61,7 @@ def prepare_tasks(
         own = sorted(captures.of_fabric(fabric_id), key=lambda c: (c.scene.value, c.repeat, c.id))
         if not own:
             continue
+        own = once_each(own, prepared, assumed)
         parameters, sigma = stated_parameters(fabric, [prepared[c.id] for c in own], assumed)
         cell = cell_size(own[0].setup.sample_size_m, resolution_m)
         items = []
@@ -86,6 +87,26 @@ def prepare_tasks(
     if not all(sensor_known(c) for c in captures.captures):
         assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
     return tasks, assumed
+
+
+def once_each(
+    captures: Sequence[Capture], prepared: Mapping[str, PreparedCapture], assumed: list[str]
+) -> list[Capture]:
+    """A fabric's captures without those that show again what an earlier one of the same scene shows, to the last
+    pixel: no second look at a sample is that, and as repeats they would say that nothing scatters.
+
+    What is left out is appended to ``assumed``.
+    """
+    kept: list[Capture] = []
+    for capture in captures:
+        depth = prepared[capture.id].depth
+        alike = (c for c in kept if c.scene == capture.scene and np.array_equal(prepared[c.id].depth, depth))
+        first = next(alike, None)
+        if first is None:
+            kept.append(capture)
+        else:
+            assumed.append(f"captures {first.id} and {capture.id} are the same picture, no repeats: it counts once")
+    return kept
 
 
 def pose_error(ready: PreparedCapture, prepared: Iterable[PreparedCapture]) -> float:

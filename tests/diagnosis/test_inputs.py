@@ -32,6 +32,19 @@ def test_one_capture_alone_gets_a_modest_answer(make_set: MakeSet, explain: Diag
     assert report.shrinkage is None
 
 
+def test_a_picture_given_twice_counts_once(make_set: MakeSet) -> None:
+    captures = make_set()
+    ids = [c.id for c in captures.captures]
+    document = captures.document
+    first = document.captures[0]
+    twice = first.model_copy(update={"id": "again", "repeat": 7})
+    elsewhere = first.model_copy(update={"id": "elsewhere", "repeat": 7, "fabric": document.captures[-1].fabric})
+    both = document.model_copy(update={"captures": [*document.captures, twice, elsewhere]})
+    tasks, assumed = prepare_tasks(CaptureSet(captures.folder, both), CANDIDATES, 0.02)
+    assert sorted(c.id for task in tasks for c in task.captures) == sorted([*ids, "elsewhere"])
+    assert sum(f"captures {first.id} and again are the same picture" in line for line in assumed) == 1
+
+
 @pytest.mark.parametrize("options", [DiagnosisOptions(effects=("wind",)), DiagnosisOptions(without=("wind",))])
 def test_effects_that_do_not_exist_are_refused(options: DiagnosisOptions) -> None:
     with pytest.raises(InputError, match="unknown effect 'wind'"):
