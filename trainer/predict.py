@@ -31,6 +31,9 @@ DEFAULT_MODEL = Path(__file__).parent / "weights" / "default"
 MOST_STANDARDISED = 4.0
 """The regressor is not believed further than this many spreads from the training materials' mean."""
 
+PICTURES_AT_ONCE, COMBINATIONS_AT_ONCE = 32, 4096
+"""What goes through the network together: memory does not grow with the number of repeats."""
+
 PRIOR_HALF_WIDTH = 2.0
 """Where the calibration materials were too few: the training materials' own mean ± 2 spreads."""
 
@@ -136,7 +139,11 @@ class Estimator:
                 f"a {scene.value} picture shows no cloth before the panel: check the capture and its pose",
                 code="no_cloth",
             )
-        features = self.model.network.extract(network_images(pictures, self.model.config.network))
+        parts = [
+            self.model.network.extract(network_images(some, self.model.config.network))
+            for some in pictures.split(PICTURES_AT_ONCE)
+        ]
+        features = Features(*(torch.cat(channels) for channels in zip(*parts, strict=True)))
         scores = np.full(len(inputs), math.inf)
         if scene.value in self.model.outliers:
             joined = torch.cat(list(features), dim=1).double().numpy()
@@ -153,20 +160,30 @@ class Estimator:
         shown = {s: [e for e in found if round(e.scale, 6) == scale] for s, found in extracted.items()}
         scene_set = tuple(index for index, scene in enumerate(SCENES) if shown.get(scene))
         combinations = list(product(*(shown[SCENES[index]] for index in scene_set)))
-        maximum = torch.stack([torch.stack([e.maximum for e in c]) for c in combinations])
-        mean = torch.stack([torch.stack([e.mean for e in c]) for c in combinations])
-        present = torch.ones(maximum.shape[:2], dtype=torch.bool)
         scaling = self.model.scaling
-        standardised = torch.full((len(combinations),), float(scaling.encode_density(np.array(density))))
-        found = self.model.network.regress(fuse(Features(maximum, mean), present), standardised)
-        centre = found.mean.double().mean(dim=0).numpy().clip(-MOST_STANDARDISED, MOST_STANDARDISED)
-        spread = found.log_spread.double().exp().mean(dim=0).numpy()
+        encoded = float(scaling.encode_density(np.array(density)))
+        starts = range(0, len(combinations), COMBINATIONS_AT_ONCE)
+        found = [self._regress(combinations[k : k + COMBINATIONS_AT_ONCE], encoded) for k in starts]
+        centre = torch.cat([mean for mean, _ in found]).mean(dim=0).numpy().clip(-MOST_STANDARDISED, MOST_STANDARDISED)
+        spread = torch.cat([width for _, width in found]).mean(dim=0).numpy()
         half = self.model.intervals.half_widths(scene_names(scene_set), spread)
         low = np.where(np.isfinite(half), centre - half, np.minimum(centre, -PRIOR_HALF_WIDTH))
         high = np.where(np.isfinite(half), centre + half, np.maximum(centre, PRIOR_HALF_WIDTH))
         shift = similarity_shift(scale * CANONICAL_SAMPLE_M)
         logs = scaling.decode(np.stack([centre, low, high]), np.full(3, density)) + shift
         return logs[0], logs[1], logs[2]
+
+
+    def _regress(
+        self, combinations: Sequence[tuple[_Extracted, ...]], density: float
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Standardised means and spreads of pictures shown together, one a scene, each float64 [combinations, 6]."""
+        maximum = torch.stack([torch.stack([e.maximum for e in c]) for c in combinations])
+        mean = torch.stack([torch.stack([e.mean for e in c]) for c in combinations])
+        present = torch.ones(maximum.shape[:2], dtype=torch.bool)
+        standardised = torch.full((len(combinations),), density)
+        found = self.model.network.regress(fuse(Features(maximum, mean), present), standardised)
+        return found.mean.double(), found.log_spread.double().exp()
 
 
 def check_density(density: float) -> None:

@@ -65,6 +65,24 @@ def test_repeats_are_averaged_over_every_combination(estimator: Estimator, analy
         assert together.parameters[name] == pytest.approx(expected, rel=1e-5)
 
 
+def test_many_repeats_go_through_the_network_in_parts(
+    estimator: Estimator, analytic_source: AnalyticSource, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = {scene: [_row(analytic_source, scene, jitter) for jitter in range(2)] for scene in range(2)}
+    every = {SCENES[s]: [_input(analytic_source, row) for row in rows[s] * 3] for s in range(2)}
+    together = estimator.estimate(every, 0.2)
+    sizes: list[int] = []
+    regress = Estimator._regress
+    monkeypatch.setattr(trainer.predict, "PICTURES_AT_ONCE", 4)
+    monkeypatch.setattr(trainer.predict, "COMBINATIONS_AT_ONCE", 5)
+    monkeypatch.setattr(Estimator, "_regress", lambda self, c, d: (sizes.append(len(c)), regress(self, c, d))[1])
+    parts = estimator.estimate(every, 0.2)
+    assert sizes == [5] * 7 + [1]
+    for name in ESTIMATED_NAMES:
+        assert parts.parameters[name] == pytest.approx(together.parameters[name], rel=1e-5)
+        assert parts.intervals_90[name] == pytest.approx(together.intervals_90[name], rel=1e-5)
+
+
 def test_samples_of_another_size_are_converted(estimator: Estimator, analytic_source: AnalyticSource) -> None:
     row = _row(analytic_source, 0)
     nominal = estimator.estimate({"hanging": _input(analytic_source, row)}, 0.2)
