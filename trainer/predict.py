@@ -173,7 +173,6 @@ class Estimator:
         logs = scaling.decode(np.stack([centre, low, high]), np.full(3, density)) + shift
         return logs[0], logs[1], logs[2]
 
-
     def _regress(
         self, combinations: Sequence[tuple[_Extracted, ...]], density: float
     ) -> tuple[torch.Tensor, torch.Tensor]:
