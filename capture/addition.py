@@ -19,10 +19,10 @@ from capture.documents import (
     SetupDocument,
     parse_document,
 )
-from capture.setup import DEFAULT_SAMPLE_SIZE_M, setup_from_document
+from capture.setup import DEFAULT_SAMPLE_SIZE_M, pin_source, setup_from_document
 from renderer.camera import Camera
 from simcore.errors import InputError
-from simcore.scenes import Scene
+from simcore.scenes import Scene, Setup
 
 FOLDER_IN_USE = "folder_in_use"
 LOCK_FILE = f".{CAPTURES_FILE}.lock"
@@ -95,9 +95,13 @@ def with_capture(folder: Path, new: NewCapture, camera: Camera) -> CaptureSetDoc
     else:
         base = there.as_json()
         _check_sensor(folder, new, there.sensor, camera)
+        setup = there.setup or SetupDocument()
+        own = _own_setup(new, setup) | _not_of_this_size(new, setup)
         if there.camera.as_camera() != camera:
             entry["camera"] = CameraDocument.from_camera(camera).model_dump(mode="json")
-        if own := _own_setup(new, there.setup or SetupDocument()):
+            if setup.camera_from_panel is not None and "camera_from_panel" not in (new.setup or {}):
+                own["camera_from_panel"] = None  # where the set's camera stood says nothing of this one
+        if own:
             entry["setup"] = own
     known = {} if there is None else {fabric.id: fabric for fabric in there.fabrics}
     if new.fabric in known:
@@ -212,6 +216,38 @@ def _own_setup(new: NewCapture, base: SetupDocument) -> dict[str, Any]:
         "camera_from_panel": base.camera_from_panel,
     }
     return {key: value for key, value in (new.setup or {}).items() if not _alike(value, stated.get(key))}
+
+
+def _not_of_this_size(new: NewCapture, base: SetupDocument) -> dict[str, Any]:
+    """Nominal pins for a sample of another size than the set's, whose pins are those of that size."""
+    said = new.setup or {}
+    scene = Scene.parse(new.scene)
+    if "sample_size_m" not in said or "pins_m" in said or pin_source(scene, base) == "nominal":
+        return {}
+    if _alike(said["sample_size_m"], base.sample_size_m or DEFAULT_SAMPLE_SIZE_M):
+        return {}
+    nominal = Setup.nominal(scene, sample_size_m=tuple(said["sample_size_m"]))
+    return {"pins_m": {scene.value: {name: list(place) for name, place in nominal.pins_m.items()}}}
+
+
+def taken_for_granted(document: CaptureSetDocument, new: NewCapture) -> list[str]:
+    """In words, what the last capture of a set does not share with the set although nobody said so, or shares
+    although it may be otherwise.
+
+    Args:
+        document: as :func:`with_capture` gives it.
+        new: what was said of the capture.
+    """
+    entry, said = document.captures[-1], new.setup or {}
+    own = {} if entry.setup is None else entry.setup.model_dump(exclude_unset=True)
+    notes = []
+    if "camera_from_panel" in own and "camera_from_panel" not in said:
+        notes.append("its camera is another one than the set's: where it stood will be found in its picture")
+    if entry.camera is not None and document.sensor is not None and new.sensor is None:
+        notes.append("its camera is another one than the set's: the set's sensor counts for it, too")
+    if "pins_m" in own and "pins_m" not in said:
+        notes.append("its sample is of another size than the set's: its pins are the nominal ones of that size")
+    return notes
 
 
 def _alike(value: Any, stated: Any) -> bool:

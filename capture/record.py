@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from capture.addition import FOLDER_IN_USE, LOCK_FILE, NewCapture, with_capture
+from capture.addition import FOLDER_IN_USE, LOCK_FILE, NewCapture, taken_for_granted, with_capture
 from capture.capture_set import picture_path, write_captures_json
 from capture.sources import DepthSource, Frame
 from renderer.atomic import write_atomically
@@ -40,7 +40,14 @@ def temporal_median(frames: Iterable[Frame]) -> Frame:
     return np.where(seen >= max(1.0, MIN_SHARE_OF_FRAMES * len(taken)), median, 0).astype(np.uint16)
 
 
-def record_capture(source: DepthSource, folder: str | Path, new: NewCapture, *, frames: int = 30) -> str:
+def record_capture(
+    source: DepthSource,
+    folder: str | Path,
+    new: NewCapture,
+    *,
+    frames: int = 30,
+    tell: Callable[[str], None] | None = None,
+) -> str:
     """Add a capture to a set, which is made if it is not there, and return the capture's id.
 
     The picture is written first and ``captures.json`` last, each whole or not at all: an interrupted recording leaves
@@ -51,6 +58,7 @@ def record_capture(source: DepthSource, folder: str | Path, new: NewCapture, *, 
         folder: the capture set.
         new: fabric, scene and what else is said.
         frames: how many frames to take the median of, at most.
+        tell: told what of camera and set-up is taken for granted (:func:`capture.addition.taken_for_granted`).
 
     Raises:
         InputError: no frames, an empty picture, or a set that cannot take the capture.
@@ -67,6 +75,8 @@ def record_capture(source: DepthSource, folder: str | Path, new: NewCapture, *, 
         added = document.captures[-1]
         _write(picture_path(folder, added.depth), counts)
         write_captures_json(document, folder)
+    for note in taken_for_granted(document, new) if tell is not None else ():
+        tell(note)
     return added.id
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,13 @@ MAX_PIN_ERROR = 0.2
 
 UNSEEN_CORNER_M = 0.003
 """How far below a pin the cloth begins to stand out of the panel, on average over simulated and open captures [m]."""
+
+SUSPECT_M, TURNED_SHARE = 0.015, 0.4
+"""Where hanging corners lie further from the pins [m], a camera on its side or upside down is thought of; it is taken
+for one where that leaves less than this share."""
+_UPRIGHT = np.array([0.0, -1.0, 0.0])
+_ON_A_SIDE = tuple(np.array(up) for up in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))
+"""Where the sample's top may lie, in the camera's frame."""
 
 _OUTERMOST = 12
 _FAR = 2.5
@@ -81,14 +88,44 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
     filled = fill_small_holes(depth, camera)
     whole = ndimage.binary_closing(np.pad(region.standing, 4), iterations=3)[4:-4, 4:-4] & (filled > 0.0)
     points = camera.back_project(filled)[whole | region.standing]
-    frame = _first_frame(points, region.plane)
+    found = _register(depth, camera, setup, region, points, _UPRIGHT)
+    if found.pin_error_m is not None and setup.scene is Scene.HANGING and found.pin_error_m > SUSPECT_M:
+        found = _turned(found, [_register(depth, camera, setup, region, points, up) for up in _ON_A_SIDE])
+    if found.pin_error_m is not None and found.pin_error_m > MAX_PIN_ERROR * max(setup.sample_size_m):
+        raise InputError(
+            f"the pinned corners are seen {1e3 * found.pin_error_m:.0f} mm from where the set-up has them: check "
+            "scene, sample_size_m and pins_m, or give camera_from_panel",
+            code="pins_not_found",
+        )
+    return found
+
+
+def _turned(upright: Registration, others: list[Registration]) -> Registration:
+    """The registration of a camera on its side or upside down, where that alone fits the pins."""
+    best = min(others, key=lambda r: r.pin_error_m or 0.0)
+    if (best.pin_error_m or 0.0) > TURNED_SHARE * (upright.pin_error_m or 0.0):
+        return upright
+    return replace(best, assumed=(*best.assumed, "the camera is on its side or upside down: so its picture fits"))
+
+
+def _register(
+    depth: Depth,
+    camera: Camera,
+    setup: Setup,
+    region: ClothRegion,
+    points: NDArray[np.float64],
+    up: NDArray[np.float64],
+) -> Registration:
+    """Registration by the cloth's points [N, 3] of a picture whose direction ``up`` [3] is the sample's, about."""
+    frame = _first_frame(points, region.plane, up)
     corners = _corners(points, frame, setup.scene)
     expected = {name: np.asarray(setup.pins_m[name], dtype=np.float64) for name in PIN_NAMES[setup.scene]}
     if region.plane is not None and setup.scene is Scene.STRETCH:
         middle = 0.5 * (corners["top_left"] + corners["top_right"])
         middle -= region.plane.height(middle) * region.plane.normal
         pose, method = align_edges(depth, camera, setup, region.plane, frame, middle), "panel_and_edges"
-        assumed = ["the sample's edges run straight between its pins"]  # right to 1 cm in most pictures, 3 in some
+        # edges are right to 1 cm in most pictures, 3 in some
+        assumed = ["the sample's edges run straight between its pins", "the picture's top is the sample's"]
     elif region.plane is not None:
         pose, method = _panel_pose(corners, expected, region.plane), "panel_and_pins"
         assumed = ["the cloth's outermost visible corners are the pinned ones"]
@@ -98,7 +135,10 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
         assumed = ["the two pins are level", "the cloth hangs free and at rest, its weight below the pins"]
     else:
         pose, method = rigid_fit(list(expected.values()), list(corners.values())), "three_pins"
-        assumed = ["the three outermost corners of the cloth are the pinned ones"]
+        assumed = [
+            "the three outermost corners of the cloth are the pinned ones",
+            "the picture's top is the sample's",
+        ]
     if setup.panel and region.plane is None:
         assumed.append("the panel is hidden: its plane passes through the pins")
     inverse = invert_pose(pose)
@@ -107,17 +147,13 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
     if method == "panel_and_edges":  # the corners did not count: their cloth lies too close to the panel to be seen
         return Registration(pose, method, pins, None, tuple(assumed))
     error = float(np.sqrt(np.mean([np.sum((found[name] - expected[name]) ** 2) for name in found])))
-    if error > MAX_PIN_ERROR * max(setup.sample_size_m):
-        raise InputError(
-            f"the pinned corners are seen {1e3 * error:.0f} mm from where the set-up has them: check scene, "
-            "sample_size_m and pins_m, or give camera_from_panel",
-            code="pins_not_found",
-        )
     return Registration(pose, method, pins, error, tuple(assumed))
 
 
-def _first_frame(points: NDArray[np.float64], plane: Plane | None) -> NDArray[np.float64]:
-    """Rows x, y, z of a first panel frame: z from the panel or the cloth, y upwards in the picture; float64 [3, 3]."""
+def _first_frame(
+    points: NDArray[np.float64], plane: Plane | None, up: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Rows x, y, z of a first panel frame: z from the panel or the cloth, y along ``up``; float64 [3, 3]."""
     if plane is not None:
         z = plane.normal
     else:
@@ -126,7 +162,6 @@ def _first_frame(points: NDArray[np.float64], plane: Plane | None) -> NDArray[np
         z = -z if z[2] > 0.0 else z
         if z[2] > -0.5:  # a sheet seen edge on says nothing of the panel
             z = np.array([0.0, 0.0, -1.0])
-    up = np.array([0.0, -1.0, 0.0])
     y = up - (up @ z) * z
     y /= np.linalg.norm(y)
     return np.stack([np.cross(y, z), y, z])

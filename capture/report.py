@@ -141,7 +141,10 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None) -> list[str]
             f"the pinned corners are {1e3 * registration.pin_error_m:.0f} mm from the set-up's: measure pins_m again"
         )
     if registration.method == "panel_and_edges":
-        found.append("a stretched sample alone places the camera to 1-3 cm: add a hanging picture or give the pose")
+        found.append(
+            "a stretched sample alone places the camera to 1-3 cm, and says nothing of one on its side: add a hanging "
+            "picture or give the pose"
+        )
     border = np.concatenate([region.standing[0], region.standing[-1], region.standing[:, 0], region.standing[:, -1]])
     if border.any():
         found.append("the cloth reaches the picture's border: take the whole sample into view")

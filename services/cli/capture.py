@@ -154,6 +154,10 @@ def import_frames(
     if not source.exists():
         raise InputError(f"{source}: no such folder or recording", code="file_missing")
     if source.is_file():
+        if camera is not None:
+            raise InputError(
+                f"{source} is a recording, which holds its camera: leave --camera away", code="camera_not_needed"
+            )
         opened = RealSenseSource(source)
     elif camera is None:
         raise InputError(
@@ -220,11 +224,14 @@ def _new_capture(
 def _record(source: DepthSource, out: Path, new: NewCapture, frames: int, json_output: bool) -> None:
     from capture.record import record_capture
 
+    notes: list[str] = []
     with source:
-        name = record_capture(source, out, new, frames=frames)
+        name = record_capture(source, out, new, frames=frames, tell=notes.append)
     if json_output:
-        console.emit_json({"capture": name, "out": out})
+        console.emit_json({"capture": name, "out": out, "notes": notes})
     else:
+        for note in notes:
+            console.say(f"{name}: {note}")
         console.say(f"{name} was added to {out}; `drapemeter capture check {out}` tells what is seen in it")
 
 

@@ -18,12 +18,13 @@ from renderer.camera import CANONICAL_CAMERA, Camera
 class Flat(DepthSource):
     """A picture with the same count everywhere."""
 
-    def __init__(self, count: int = 9000) -> None:
-        self._counts: NDArray[np.uint16] = np.full((CANONICAL_CAMERA.height, CANONICAL_CAMERA.width), count, np.uint16)
+    def __init__(self, count: int = 9000, camera: Camera = CANONICAL_CAMERA) -> None:
+        self._counts: NDArray[np.uint16] = np.full((camera.height, camera.width), count, np.uint16)
+        self._camera = camera
 
     @property
     def camera(self) -> Camera:
-        return CANONICAL_CAMERA
+        return self._camera
 
     def frames(self) -> Iterator[Frame]:
         yield self._counts

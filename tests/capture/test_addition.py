@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,12 @@ import pytest
 
 from capture.addition import LOCK_FILE, NewCapture
 from capture.capture_set import CAPTURES_FILE, CaptureSet
-from capture.record import check_capture
+from capture.record import check_capture, record_capture
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES
 from simcore.scenes import Setup
-from tests.capture.flat import add
+from tests.capture.flat import Flat, add
 
 PARAMETERS = dict.fromkeys(ESTIMATED_NAMES[:3], 500.0) | dict.fromkeys(ESTIMATED_NAMES[3:], 1e-4)
 
@@ -88,6 +89,38 @@ def test_another_setup_is_kept_with_its_capture(tmp_path: Path) -> None:
     change(folder, setup={"pin_distance_m": 0.36})
     add(folder, setup=said("hanging"))
     assert document(folder)["captures"][4]["setup"].keys() == {"camera_from_panel", "pins_m"}
+
+
+def test_another_camera_does_not_stand_where_the_sets_did(tmp_path: Path) -> None:
+    folder = tmp_path / "set"
+    add(folder, setup={"camera_from_panel": frontal_pose().tolist()}, sensor={"range_noise_m": 0.001})
+    other = Flat(camera=replace(CANONICAL_CAMERA, fx=600.0, fy=600.0))
+    told: list[str] = []
+    record_capture(other, folder, NewCapture("f1", "hanging"), frames=1, tell=told.append)
+    assert CaptureSet.load(folder).captures[1].camera_from_panel is None
+    assert len(told) == 2 and "will be found in its picture" in told[0] and "the set's sensor counts" in told[1]
+    stated = {"camera_from_panel": frontal_pose(1.2).tolist()}
+    record_capture(other, folder, NewCapture("f1", "hanging", setup=stated), frames=1)
+    record_capture(Flat(), folder, NewCapture("f1", "hanging"), frames=1, tell=told.append)
+    captures = CaptureSet.load(folder).captures
+    assert captures[2].camera_from_panel is not None and captures[2].camera_from_panel[2, 3] == pytest.approx(1.2)
+    assert "setup" not in document(folder)["captures"][3] and len(told) == 2
+
+
+@pytest.mark.parametrize("scene", ["hanging", "stretch"])
+def test_a_sample_of_another_size_is_not_pinned_as_the_sets(tmp_path: Path, scene: str) -> None:
+    folder = tmp_path / "set"
+    wide = Setup.nominal(scene)
+    moved = {**wide.pins_m, "top_left": (-0.19, 0.0, 0.0)}
+    add(folder, scene=scene, setup={"pins_m": {scene: moved}})
+    told: list[str] = []
+    small = NewCapture("f2", scene, setup={"sample_size_m": [0.4, 0.4]})
+    record_capture(Flat(), folder, small, frames=1, tell=told.append)
+    record_capture(Flat(), folder, NewCapture("f2", scene, setup={"sample_size_m": [0.5, 0.5]}), frames=1)
+    captures = CaptureSet.load(folder).captures
+    assert captures[1].setup == Setup.nominal(scene, sample_size_m=(0.4, 0.4))
+    assert len(told) == 1 and "nominal ones of that size" in told[0]
+    assert captures[2].setup.pins_m["top_left"] == (-0.19, 0.0, 0.0)
 
 
 def test_a_setup_that_cannot_be_is_refused_before_there_is_a_picture(tmp_path: Path) -> None:

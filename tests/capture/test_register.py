@@ -51,6 +51,25 @@ def test_a_turned_camera_is_found_before_a_panel(
     assert angle < 2.0
 
 
+@pytest.mark.parametrize("roll", [90.0, 180.0, -90.0])
+@pytest.mark.parametrize("panel", [True, False])
+def test_a_camera_on_its_side_or_upside_down_is_found_by_the_pins(hanging: Sheet, roll: float, panel: bool) -> None:
+    pose = turned_pose((2.0, 3.0, roll + 1.0))
+    straight = replace(hanging, vertices=hanging.vertices * (1.0, 1.0, 0.0) + _swing(hanging.vertices))
+    found = find(hanging if panel else straight, pose, replace(hanging.setup, panel=panel), panel=panel)
+    shift, angle = difference(found.camera_from_panel, pose)
+    assert np.linalg.norm(shift) < 0.015
+    assert angle < 2.5
+    assert any("on its side or upside down" in said for said in found.assumed)
+
+
+def test_an_upright_camera_stays_so_where_pins_are_misstated(hanging: Sheet) -> None:
+    pose = turned_pose((0.0, 0.0, 0.0))
+    found = find(hanging, pose, hanging.setup.with_pins(top_left=(-0.24, 0.0, 0.0)), panel=True)
+    assert difference(found.camera_from_panel, pose)[1] < 5.0
+    assert not any("on its side" in said for said in found.assumed)
+
+
 def test_pins_before_the_panel_do_not_move_it(hanging: Sheet) -> None:
     """Magnets hold the corners 12 mm off the panel: the plane that is seen stays the panel's."""
     lifted = {name: (x, y, 0.012) for name, (x, y, _) in hanging.setup.pins_m.items()}
