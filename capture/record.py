@@ -75,8 +75,9 @@ def record_capture(
         added = document.captures[-1]
         _write(picture_path(folder, added.depth), counts)
         write_captures_json(document, folder)
-    for note in taken_for_granted(document, new) if tell is not None else ():
-        tell(note)
+    if tell is not None:
+        for note in taken_for_granted(document, new):
+            tell(note)
     return added.id
 
 

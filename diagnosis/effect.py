@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from types import MappingProxyType
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from diagnosis.groups import NOT_EFFECTS
 from diagnosis.scene import SimulationScene
-from simcore.errors import InputError
+from simcore.errors import DrapemeterError, InputError
 
 SCALAR = "magnitude"
 """Name of the only component of an effect whose size is one number."""
@@ -57,6 +57,17 @@ class Component:
         size = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
         return -size if self.signed and rng.random() < 0.5 else size
 
+
+MAY_CHANGE: Mapping[Stage, tuple[str, ...]] = MappingProxyType(
+    {
+        Stage.FABRIC: ("mechanics",),
+        Stage.SETUP: ("setup", "mechanics"),
+        Stage.ENVIRONMENT: ("mechanics",),
+        Stage.CAMERA: ("camera", "pose"),
+        Stage.SENSOR: ("sensor",),
+    }
+)
+"""What of a scene an effect of a stage changes: what else it changed would be passed over by the diagnosis."""
 
 Size = Mapping[str, float]
 """Component name to value; ``{"magnitude": x}`` for an effect of one number."""
@@ -133,17 +144,33 @@ class Effect:
                 f"{', '.join(NOT_EFFECTS)}",
                 code="effect_file",
             )
+        for wrong in self._faults():
+            raise InputError(f"effect {self.name}: {wrong}", code="effect_file")
+
+    def _faults(self) -> Iterator[str]:
+        """What cannot be, and how to mend it."""
+        stage: object = self.stage  # a user's file may give anything
+        if not isinstance(stage, Stage):
+            yield f"stage={stage!r}: give one of {', '.join(f'Stage.{known.name}' for known in Stage)}"
+        if not self.components:
+            yield "it has no components: give scalar(...) or vector(...)"
+        if not self.vector and list(self.components) != [SCALAR]:
+            yield (
+                f"components {', '.join(self.components)}: give one number named {SCALAR} (scalar(...), its places "
+                "apart), or a vector (vector(...) with vector=True)"
+            )
         if self.presses not in (-1, 0, 1) or (self.presses and list(self.components) != [SCALAR]):
-            raise InputError(
-                f"effect {self.name}: presses={self.presses!r}: give 1 or -1 to an effect whose size is one number, "
-                "0 to any other",
-                code="effect_file",
-            )
+            yield f"presses={self.presses!r}: give 1 or -1 to an effect whose size is one number, 0 to any other"
+        places: object = self.places
+        if not isinstance(places, tuple) or not all(isinstance(place, Mapping) for place in places):
+            yield "places: give a tuple of mappings from name to number, such as ({'width_m': 0.02}, {'width_m': 0.04})"
+            return
         if self.vector and any(self.places):
-            raise InputError(
-                f"effect {self.name}: a vector has no places: give it none, or one number in place of the vector",
-                code="effect_file",
-            )
+            yield "a vector has no places: give it none, or one number in place of the vector"
+        if not self.places or any(set(place) != set(self.places[0]) for place in self.places):
+            yield "places: give at least one, all with the same names"
+        if any(set(place) & set(self.components) for place in self.places):
+            yield f"places: give their numbers other names than {', '.join(self.components)}"
 
     @property
     def moves_cloth(self) -> bool:
@@ -159,12 +186,30 @@ class Effect:
                 middle of their range otherwise).
 
         Raises:
-            InputError: not finite, or a component that the effect does not have.
+            InputError: not finite, a component that the effect does not have, or a file's change that cannot be.
         """
-        changed: object = self.change(scene, self.size(magnitude))
+        size = self.size(magnitude)
+        try:
+            changed: object = self.change(scene, size)
+        except DrapemeterError:
+            raise
+        except Exception as error:  # whatever a user's own file does
+            said = " ".join(str(error).split()) or "no reason given"
+            raise InputError(
+                f"effect {self.name}: its change of a {scene.setup.scene.value} scene fails: {type(error).__name__}: "
+                f"{said}",
+                code="effect_file",
+            ) from error
         if not isinstance(changed, SimulationScene):
             raise InputError(
                 f"effect {self.name}: its change gives {type(changed).__name__}, not a scene: return the changed scene",
+                code="effect_file",
+            )
+        other = [f.name for f in fields(scene) if getattr(changed, f.name) != getattr(scene, f.name)]
+        if not set(other) <= set(MAY_CHANGE[self.stage]):
+            raise InputError(
+                f"effect {self.name}: its change sets {', '.join(other)}, an effect of the {self.stage.value} stage "
+                f"{' and '.join(MAY_CHANGE[self.stage])} alone: give it the stage of what it changes",
                 code="effect_file",
             )
         return changed

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from types import TracebackType
 from typing import TypeVar
 
 from simcore.errors import SimulationError
+from simcore.parent import end_with_parent
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
@@ -19,12 +20,13 @@ class Workers:
     """Processes that are started when first needed; with one worker, the calling process.
 
     Unlike those of :mod:`metric.workers` they stay for several rounds, so that each compiles its kernels once.
-    A context manager: the processes end with it.
+    A context manager: the processes end with it, at once where it is left by an exception, and with this process.
     """
 
     def __init__(self, count: int = 1) -> None:
         self.count = count
         self._pool: ProcessPoolExecutor | None = None
+        self._others: frozenset[int | None] = frozenset()
 
     def __enter__(self) -> Workers:
         return self
@@ -33,6 +35,9 @@ class Workers:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._pool is not None:
+            for process in active_children() if kind is not None else ():
+                if process.pid not in self._others:
+                    process.terminate()
             self._pool.shutdown(cancel_futures=True)
             self._pool = None
 
@@ -58,7 +63,10 @@ class Workers:
                 told(1.0)
             return made
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(self.count, mp_context=get_context("spawn"))
+            self._others = frozenset(process.pid for process in active_children())
+            self._pool = ProcessPoolExecutor(
+                self.count, mp_context=get_context("spawn"), initializer=end_with_parent
+            )
         try:
             futures = [self._pool.submit(_one_thread, work, item) for item in items]
             for _ in as_completed(futures):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +17,20 @@ LARGEST_PIN_STRETCH = 1.3
 """Two pins may be this many times as far apart as the cloth between them is long; beyond, any cloth tears."""
 
 _CORNERS = {"top_left": (0.0, 0.0), "top_right": (1.0, 0.0), "bottom_right": (1.0, 1.0)}
+
+
+def seed_sequence(seed: int | Sequence[int] | np.random.SeedSequence) -> np.random.SeedSequence:
+    """The seed of a drape's jitter as NumPy takes it.
+
+    Raises:
+        InputError: not whole numbers of 0 or more.
+    """
+    if isinstance(seed, np.random.SeedSequence):
+        return seed
+    try:
+        return np.random.SeedSequence(seed)
+    except (TypeError, ValueError):
+        raise InputError(f"seed {seed!r}: give a whole number of 0 or more, or several", code="seed_negative") from None
 
 
 def check_request(mesh: GridMesh, setup: Setup, start: Drape | None, time_limit_s: float | None) -> None:
@@ -54,6 +69,19 @@ def _check_pins(setup: Setup) -> None:
                 "give pin positions on the sample, in metres",
                 code="pins_apart",
             )
+        if apart < 2.0 * setup.pin_radius_m < cloth:
+            raise InputError(
+                f"pins {a} and {b} are {apart:.3g} m apart and hold {setup.pin_radius_m:g} m round them each: what two "
+                "magnets hold cannot lie in one place: give pins farther apart, or a smaller pin radius",
+                code="pins_overlap",
+            )
+    left, right = (setup.pins_m.get(name) for name in ("top_left", "top_right"))
+    if left is not None and right is not None and left[0] >= right[0]:
+        raise InputError(
+            f"pin top_left at x = {left[0]:g} m is not left of top_right at {right[0]:g} m: the sample would lie turned "
+            "or doubled: give top_left the smaller x",
+            code="pins_crossed",
+        )
 
 
 def _check_start(mesh: GridMesh, start: Drape) -> None:

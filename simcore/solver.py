@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore import friction, lang
-from simcore.checks import check_request
+from simcore.checks import check_request, seed_sequence
 from simcore.contact import REACH_M, PanelContact
 from simcore.crossings import count_crossings
 from simcore.drape import Drape
@@ -124,13 +124,13 @@ class Solver:
             The drape, with a status and a reason when it is not still.
 
         Raises:
-            InputError: the set-up's sample is not the mesh's, its pins cannot hold it, or ``start`` is of another mesh.
+            InputError: the set-up's sample is not the mesh's, its pins cannot hold it, ``start`` is of another mesh, or
+                the seed is none.
         """
         check_request(self.mesh, setup, start, time_limit_s)
         began = time.process_time()
         deadline = math.inf if time_limit_s is None else began + time_limit_s
-        sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-        perturbation = Perturbation.draw(setup, jitter, sequence)
+        perturbation = Perturbation.draw(setup, jitter, seed_sequence(seed))
         problem = _Problem(fabric, setup, mechanics, perturbation, start, deadline)
         rest, iterations = self._cascade(problem)
         energy = self.levels[-1].energy(rest.x)

@@ -141,7 +141,7 @@ class Estimator:
             )
         parts = [
             self.model.network.extract(network_images(some, self.model.config.network))
-            for some in pictures.split(PICTURES_AT_ONCE)
+            for some in torch.split(pictures, PICTURES_AT_ONCE)
         ]
         features = Features(*(torch.cat(channels) for channels in zip(*parts, strict=True)))
         scores = np.full(len(inputs), math.inf)

@@ -72,7 +72,9 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
     try:
         if ":" not in value:
             return effect, effect.size(float(value))
-        pairs = [part.partition(":") for part in value.split(",")]
-        return effect, effect.size({part[0].strip(): float(part[2]) for part in pairs})
+        pairs = [(part.partition(":")[0].strip(), float(part.partition(":")[2])) for part in value.split(",")]
     except ValueError:
         raise InputError(f"{text!r}: {value!r} is not a number", code="effect_magnitude") from None
+    if len(dict(pairs)) < len(pairs):
+        raise InputError(f"{text!r}: a component is given twice: give it once", code="effect_magnitude")
+    return effect, effect.size(dict(pairs))

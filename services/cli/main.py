@@ -6,6 +6,7 @@ import errno
 import importlib
 import importlib.util
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
@@ -153,7 +154,8 @@ def _replace_closed_streams() -> bool:
 
 
 def main() -> None:
-    """Entry point of the console script."""
+    """Entry point of the console script; a scheduler's SIGTERM ends a command as Ctrl-C does."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(run(sys.argv[1:]))
 
 

@@ -39,6 +39,9 @@ def simulate(
         None, "--pin-radius", help="What a magnet holds round its corner [m], 0 for a point; default: 0.01."
     ),
     depth: Path | None = typer.Option(None, "--depth", help="Also a 16-bit depth PNG."),
+    time_limit: float | None = typer.Option(
+        None, "--time-limit", min=0.0, help="CPU seconds after which the best so far is taken, not still."
+    ),
     capture_set: Path | None = typer.Option(None, "--capture-set", help="Also add the picture to this capture set."),
     fabric: str | None = typer.Option(
         None, "--fabric", help="The fabric's id there; default: the parameters' file name."
@@ -80,7 +83,7 @@ def simulate(
     from simcore.drape import DrapeStatus
     from simcore.solver import Solver
 
-    drape = Solver(mesh).solve(cloth, changed.setup, seed=seed, mechanics=changed.mechanics)
+    drape = Solver(mesh).solve(cloth, changed.setup, seed=seed, mechanics=changed.mechanics, time_limit_s=time_limit)
     if drape.status is not DrapeStatus.DIVERGED:
         picture = take_picture(drape, changed, seed) if pictured else None
         if drape.ok and place is not None and picture is not None:
@@ -143,7 +146,9 @@ def build_scene(
                 f"effect {effect.name} changes the picture alone: ask for one with --depth", code="effect_needs_picture"
             )
         seen.add(effect.name)
-        changed = effect.apply(changed, size)
+        before, changed = changed, effect.apply(changed, size)
+        if changed == before and any(size[name] != 0.0 for name in effect.components):
+            console.note(f"effect {effect.name} changes nothing in {setup.scene.value}")
     return nominal, changed
 
 

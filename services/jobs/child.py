@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import multiprocessing.connection
-import os
 import signal
 import sys
 import threading
@@ -18,6 +17,7 @@ from types import FrameType
 
 from services.jobs.task import Call, Crashed, Done, Event, Progress, Refused, Throttle
 from simcore.errors import DrapemeterError, InputError
+from simcore.parent import end_with_parent
 
 STOP_GRACE_S = 10.0
 """Time between asking a process to end and killing it."""
@@ -99,7 +99,7 @@ def serve_calls(connection: multiprocessing.connection.Connection) -> None:
     """Body of the child: one call after another on the main thread, until the parent hangs up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the server's to handle
     signal.signal(signal.SIGTERM, _leave)
-    threading.Thread(target=_die_with_parent, daemon=True).start()
+    end_with_parent()
     lock, throttle = threading.Lock(), Throttle()
 
     def send(event: Event) -> None:
@@ -125,10 +125,3 @@ def serve_calls(connection: multiprocessing.connection.Connection) -> None:
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:
     sys.exit(128 + signal.SIGTERM)
-
-
-def _die_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

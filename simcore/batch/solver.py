@@ -18,7 +18,7 @@ from simcore.batch.level import BatchLevel
 from simcore.batch.newton import BatchNewton, BatchRest
 from simcore.batch.placement import BatchPins, put_up
 from simcore.batch.request import Request
-from simcore.checks import check_request
+from simcore.checks import check_request, seed_sequence
 from simcore.cloths import Cloths
 from simcore.contact import REACH_M, PanelContact
 from simcore.crossings import count_crossings
@@ -137,7 +137,7 @@ class BatchSolver:
 
     def _cascade(self, requests: Sequence[Request]) -> tuple[BatchRest, Tensor, Tensor]:
         """Rest on the last level, energies [J] and steps taken on all."""
-        randoms = [Perturbation.draw(r.setup, r.jitter, _sequence(r.seed)) for r in requests]
+        randoms = [Perturbation.draw(r.setup, r.jitter, seed_sequence(r.seed)) for r in requests]
         x: Tensor | None = None
         steps = torch.zeros(len(requests), dtype=torch.int64, device=self.device.torch)
         rest: BatchRest | None = None
@@ -184,10 +184,6 @@ class BatchSolver:
         guarded = level.free[..., 0] & level.panel[:, None, None]
         x[..., 2] = torch.where(guarded, x[..., 2].clamp(min=0.2 * REACH_M), x[..., 2])
         return x
-
-
-def _sequence(seed: int | Sequence[int] | np.random.SeedSequence) -> np.random.SeedSequence:
-    return seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
 
 
 def memory_bytes(mesh: GridMesh) -> int:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from diagnosis import effects
-from diagnosis.effect import SCALAR, Effect, Stage
+from diagnosis.effect import SCALAR, Component, Effect, Stage
 from diagnosis.effects import catalogue, get_effect, parse_effect
 from diagnosis.pages import effect_page
 from diagnosis.scene import SimulationScene
@@ -194,6 +195,12 @@ def test_a_file_without_an_effect_is_refused(add: Add) -> None:
         ("change=change", "presses=2, change=change", "give 1 or -1 to an effect whose size is one number"),
         ("from diagnosis.scene", "import no_such_module\nfrom diagnosis.scene", "pin_height.py cannot be used"),
         ("EFFECT = ", "EFFECT := ", "pin_height.py cannot be used: SyntaxError"),
+        ("stage=Stage.SETUP", 'stage="setup"', "give one of Stage.FABRIC"),
+        ("change=change", "places=(), change=change", "give at least one, all with the same names"),
+        ("change=change", 'places={"width_m": 0.02}, change=change', "give a tuple of mappings"),
+        ("change=change", 'places=({"a": 1.0}, {"b": 1.0}), change=change', "all with the same names"),
+        ("change=change", 'places=({"magnitude": 1.0},), change=change', "give their numbers other names"),
+        ("change=change", "vector=True, places=({'a': 1.0},), change=change", "a vector has no places"),
     ],
 )
 def test_files_that_cannot_be_used_are_named(add: Add, repository: Path, text: str, change: str, said: str) -> None:
@@ -210,6 +217,34 @@ def test_a_change_that_gives_no_scene_is_told(add: Add, repository: Path) -> Non
     with pytest.raises(InputError, match="return the changed scene") as caught:
         get_effect("pin_height").apply(scene(), 0.004)
     assert caught.value.code == "effect_file"
+
+
+@pytest.mark.parametrize("components", [{}, {"lift": Component(0.1, 1.0)}, {SCALAR: Component(0.1, 1.0), "x": Component(0.1, 1.0)}])
+def test_components_are_one_number_or_a_vector(components: dict[str, Component]) -> None:
+    with pytest.raises(InputError, match="components") as caught:
+        replace(get_effect("hem_weight"), components=components)
+    assert caught.value.code == "effect_file"
+
+
+def test_a_change_that_fails_is_told_with_its_effect(add: Add, repository: Path) -> None:
+    add("pin_height", re.sub(r"    return .*", '    return scene.setup.pins_m["middle"]', example(repository)))
+    with pytest.raises(InputError, match="pin_height: its change of a stretch scene fails: KeyError") as caught:
+        get_effect("pin_height").apply(scene(), 0.004)
+    assert caught.value.code == "effect_file"
+
+
+def test_a_change_of_what_another_stage_changes_is_refused(add: Add, repository: Path) -> None:
+    add("pin_height", example(repository).replace("Stage.SETUP", "Stage.CAMERA"))
+    with pytest.raises(InputError, match="its change sets setup, an effect of the camera stage camera and pose alone"):
+        get_effect("pin_height").apply(scene(), 0.004)
+
+
+@pytest.mark.parametrize("text", ["edge_curl=magnitude:10,magnitude:20", "bending_hysteresis=magnitude:10,seed:1.5"])
+def test_what_would_be_passed_over_is_refused(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        effect, size = parse_effect(text)
+        effect.apply(scene(), size)
+    assert caught.value.code == "effect_magnitude"
 
 
 def test_two_files_with_one_name_are_refused(add: Add, repository: Path) -> None:

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
@@ -69,3 +75,45 @@ def test_a_simulator_travels_without_its_solvers(tmp_path: Path) -> None:
     assert solver_of(mesh) is solver_of(GridMesh(0.05))
     arrived = pickle.loads(pickle.dumps(simulator))
     assert arrived == simulator
+
+
+def wait_long(item: int) -> int:
+    time.sleep(300.0)
+    return item
+
+
+HOLDER = """
+import sys, time
+sys.path.insert(0, {root!r})
+from diagnosis.workers import Workers
+from tests.diagnosis.test_workers import wait_long
+if __name__ == "__main__":
+    with Workers(2) as workers:
+        workers.map(wait_long, [1, 2])
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_workers_do_not_outlive_who_started_them(tmp_path: Path, how: signal.Signals) -> None:
+    script = tmp_path / "holder.py"
+    script.write_text(HOLDER.format(root=str(Path(__file__).parents[2])))
+    holder = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
+    children = wait_for(lambda: own if len(own := spawned_by(holder.pid)) == 2 else None)
+    holder.send_signal(how)
+    holder.wait(60)
+    wait_for(lambda: True if not any(Path(f"/proc/{child}").exists() for child in children) else None)
+
+
+def spawned_by(parent: int) -> list[int]:
+    """Worker processes of a process; its resource tracker is none."""
+    text = Path(f"/proc/{parent}/task/{parent}/children").read_text()
+    return [int(pid) for pid in text.split() if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+def wait_for(look: Callable[[], Any]) -> Any:
+    """What ``look`` gives once it gives something."""
+    end = time.monotonic() + 60.0
+    while (seen := look()) is None:
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.1)
+    return seen

@@ -122,11 +122,20 @@ def test_scenes_and_set_ups() -> None:
 
 @pytest.mark.parametrize(
     ("place", "code"),
-    [((-0.2, 0.0, -0.01), "pin_behind_panel"), ((-3.0, 0.0, 0.0), "pins_apart"), ((-0.2, 40.0, 0.0), "pins_apart")],
+    [
+        ((0.2, 0.0, 0.0), "pins_overlap"),
+        ((0.185, 0.0, 0.0), "pins_overlap"),
+        ((0.3, 0.0, 0.0), "pins_crossed"),
+        ((-0.2, 0.0, -0.01), "pin_behind_panel"), ((-3.0, 0.0, 0.0), "pins_apart"), ((-0.2, 40.0, 0.0), "pins_apart")],
 )
 def test_pins_where_no_sample_can_be_pinned(place: tuple[float, float, float], code: str, solver: Solver) -> None:
-    """Behind the panel, or so far apart that the cloth between them would tear."""
+    """Behind the panel, in one place, the wrong way round, or so far apart that the cloth between would tear."""
     assert refused(lambda: solver.solve(MEDIUM, HANGING.with_pins(top_left=place)), "pin", "top_left").code == code
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "one"])
+def test_a_seed_that_is_none(seed: Any, solver: Solver) -> None:
+    assert refused(lambda: solver.solve(MEDIUM, HANGING, seed=seed), "whole number").code == "seed_negative"
 
 
 def test_mechanics_without_meaning() -> None:
