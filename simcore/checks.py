@@ -78,8 +78,7 @@ def _check_pins(setup: Setup) -> None:
     left, right = (setup.pins_m.get(name) for name in ("top_left", "top_right"))
     if left is not None and right is not None and left[0] >= right[0]:
         raise InputError(
-            f"pin top_left at x = {left[0]:g} m is not left of top_right at {right[0]:g} m: the sample would lie turned "
-            "or doubled: give top_left the smaller x",
+            f"pin top_left at x = {left[0]:g} m is not left of top_right at x = {right[0]:g} m: give it the smaller x",
             code="pins_crossed",
         )
 

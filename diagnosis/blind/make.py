@@ -72,7 +72,7 @@ class BlindPlan:
             get_effect(name)
         for name in self.scenes:
             Scene.parse(name)
-        if len(set(self.scenes)) < len(self.scenes):
+        if not self.scenes or len(set(self.scenes)) < len(self.scenes):
             raise InputError("give each scene once: hanging, stretch or both", code="blind_plan")
         if not visible_effects(self):
             raise InputError("every effect is withheld: leave some in the catalogue", code="no_effects")

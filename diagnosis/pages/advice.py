@@ -10,8 +10,10 @@ from diagnosis.effects import catalogue, get_effect
 from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.isolability import Separation, remedy
 from diagnosis.pages.where_figure import SURE
-from diagnosis.report import CauseReport, Kind, Region, RegionGap, StageName
+from diagnosis.report import CauseReport, GapReport, Kind, Region, RegionGap, StageName
 
+SURE_OF_NONE = 0.8
+"""From this probability of no effect on, and with several fabrics, nothing needs to be done."""
 REGION_CHECKS: Mapping[Region, str] = MappingProxyType(
     {
         "pins": "measure where the magnets sit, and see whether the corners slip or are pulled",
@@ -53,7 +55,7 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     if cause.top == "unknown":
         lines += _of_unknown(report.where, cause)
     elif cause.top == "none":
-        lines += _of_none(report.where, cause)
+        lines += _of_none(report, len(diagnosis.results))
     else:
         effect = get_effect(cause.top)
         lines.append(f"Check the {effect.stage.value} stage: {effect.hook}.")
@@ -113,20 +115,38 @@ def _of_unknown(rows: Sequence[RegionGap], cause: CauseReport) -> list[str]:
             "Capture the same samples once more turned by a quarter: what turns with them belongs to the fabric, what "
             "stays to magnets, panel, room or camera."
         )
-    left_out = sorted(set(catalogue()) - set(cause.probabilities))
-    if left_out:
-        lines.append(f"Diagnose again with the whole catalogue: {', '.join(left_out)} were not tried.")
-    return lines
+    return lines + _not_tried(cause)
 
 
-def _of_none(rows: Sequence[RegionGap], cause: CauseReport) -> list[str]:
-    lines = []
+def not_tried(cause: CauseReport) -> list[str]:
+    """Effects of the catalogue that were left out."""
+    return sorted(set(catalogue()) - set(cause.probabilities))
+
+
+def _not_tried(cause: CauseReport) -> list[str]:
+    left_out = not_tried(cause)
+    return [f"Diagnose again with the whole catalogue: {', '.join(left_out)} were not tried."] if left_out else []
+
+
+def _of_none(report: GapReport, fabrics: int) -> list[str]:
+    cause, lines = report.cause, []
     second = max((name for name in cause.probabilities if name != "none"), key=lambda name: cause.probabilities[name])
     if cause.probabilities["none"] < 0.5:
         lines.append(f"Add repeats and fabrics: they decide between no effect at all and {second}, the next likeliest.")
+    elif report.gap.detected:
+        lines.append(
+            "Check what is stated of fabrics and set-up, and add a repeat of every sample, taken down and hung again: "
+            "there is a gap, and no effect that was tried makes it smaller."
+        )
+    elif cause.probabilities["none"] < SURE_OF_NONE or fabrics == 1:
+        lines.append(
+            "Add fabrics and repeats before the simulation is relied on: nothing speaks for an effect, but these "
+            "captures say little against one."
+        )
     else:
         lines.append("Nothing needs to be done: the simulation may be used as it is for such fabrics and scenes.")
-    for row in strongest(rows):
+    lines += _not_tried(cause)
+    for row in strongest(report.where):
         if row.by != "stage":
             part = row.region if row.by == "region" else row.kind
             much = f"{row.gap:.1f} {row.unit} against a floor of {row.noise_floor:.1f}"

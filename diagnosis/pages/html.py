@@ -14,9 +14,9 @@ from diagnosis.groups import group_of
 from diagnosis.inference.block import Block
 from diagnosis.inference.cause import Cause
 from diagnosis.measurement.reference import CELLS
-from diagnosis.pages.advice import advice
+from diagnosis.pages.advice import advice, not_tried
 from diagnosis.pages.where_figure import SURE, png_text, where_picture
-from diagnosis.report import FoundEffect
+from diagnosis.report import FoundEffect, GapReport
 from diagnosis.shrinkage.held_out import refitted_residual, response_of, sized
 from diagnosis.tasks.fabric_task import CaptureResult, CaptureTask
 
@@ -28,7 +28,7 @@ WIDE = 2.0
 """A gap of so many noise floors that is still no gap needs a word why."""
 TEXTS = {
     "none": "nothing beyond repeats and stated uncertainties",
-    "unknown": "something that no effect of the catalogue describes",
+    "unknown": "something that no effect that was tried describes",
 }
 
 
@@ -57,7 +57,8 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
 
 
 def size_text(effect: FoundEffect) -> str:
-    """A size with its 90 % interval to three digits, lengths in millimetres; a vector component by component."""
+    """A size with its 90 % interval to three digits, lengths in millimetres, and its place; a vector component by
+    component."""
     factor, unit = (1e3, "mm") if effect.unit == "m" else (1.0, effect.unit)
     size, interval = effect.magnitude, effect.interval_90
     sizes = size if isinstance(size, dict) else {"": size}
@@ -66,7 +67,8 @@ def size_text(effect: FoundEffect) -> str:
     for name, value in sizes.items():
         low, high = (factor * end for end in ends[name])
         texts.append(f"{name} {factor * value:.3g} {unit} (90 % interval {low:.3g} to {high:.3g})".strip())
-    return ", ".join(texts)
+    place = {} if get_effect(effect.name).random_repeats else dict((effect.model_extra or {}).get("place", {}))
+    return ", ".join([*texts, *(f"{name} {value:.3g}" for name, value in place.items())])
 
 
 def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
@@ -75,7 +77,7 @@ def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
     if found is None:
         return []
     bars = [("before", found.before, "#2b6cb0"), ("after", found.after, "#38a169")]
-    if found.control is not None:
+    if found.control is not None and set(found.control.effects) != {"none"}:
         bars.append(("wrong effect", found.control.after, "#a0aec0"))
     return [*bars, ("noise floor", found.noise_floor, "#cbd5e0")]
 
@@ -88,7 +90,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     alike = sorted({twin for name in names for twin in group_of(name) if cause.probabilities.get(twin, 0.0) >= TOLD})
     top, p = " with ".join(names), sum(cause.probabilities[name] for name in {*names, *alike})
     twins = [twin for twin in alike if twin not in names]
-    gap = f"{report.gap.value:.2f} mm against a noise floor of {report.gap.noise_floor:.2f} mm"
+    gap = _gap_text(report)
     if p < 0.5:
         either = " or ".join([top, *twins])
         return (
@@ -102,7 +104,8 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"Simulation and captures agree as far as these captures can tell ({gap}{why}; probability {p:.2f})."
     differ = f"They differ ({gap})" if detected else f"That they differ at all is not certain ({gap})"
     if top == "unknown":
-        return f"{differ}, and no effect of the catalogue explains it (probability {p:.2f})."
+        tried = "effect that was tried" if not_tried(cause) else "effect of the catalogue"
+        return f"{differ}, and no {tried} explains it (probability {p:.2f})."
     summary = " ".join(get_effect(name).summary for name in names)
     text = f"{differ}. Most probable cause: {top} (probability {p:.2f}). {summary}"
     if twins:
@@ -113,8 +116,25 @@ def sentence(diagnosis: Diagnosis) -> str:
     if report.shrinkage is not None:
         share = 100 * report.shrinkage.fraction
         beside = "both" if len(names) == 2 else "it"
-        text += f" With {beside}, {share:.0f} % of the gap above the floor goes away on held-out captures."
+        of = "the gap" if report.shrinkage.unit == "mm" else "what panel and pixels show"
+        text += f" With {beside}, {share:.0f} % of {of} above the floor goes away on held-out captures."
+    if all(get_effect(name).random_repeats for name in names):
+        text += " It makes repeats scatter and shifts none of them: no simulation comes nearer with it."
     return text
+
+
+def _gap_text(report: GapReport) -> str:
+    """The gap and its floor; of what panel and pixels show, where that is what was found to differ."""
+    value, floor = report.gap.value, report.gap.noise_floor
+    against = "against a noise floor of" if value > floor else "where repeats scatter by"
+    shape = f"{value:.2f} mm {against} {floor:.2f} mm"
+    found = report.shrinkage
+    if found is None or found.unit == "mm":
+        return shape
+    return (
+        f"panel and pixels by {found.before:.1f} {found.unit} on held-out captures, where chance makes "
+        f"{found.repeats or 1.0:.1f}; the cloth's shape by {shape}"
+    )
 
 
 def _where(diagnosis: Diagnosis) -> list[dict[str, str]]:
@@ -139,11 +159,17 @@ def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 
 def _after(diagnosis: Diagnosis, capture: CaptureResult) -> NDArray[np.float32] | None:
-    """Simulation with the named effects on, ideal picture [m]; None where nothing is named or simulated afresh."""
+    """Simulation with the named effects on, ideal picture [m]; None where nothing is named, what is only scatters, or
+    nothing is simulated afresh."""
     look = diagnosis.looks.get(capture.fabric)
-    if look is None or not diagnosis.cause.named:
+    if look is None or not _shifts(diagnosis.cause):
         return None
     return look.picture(capture, sized(diagnosis.cause))
+
+
+def _shifts(cause: Cause) -> bool:
+    """Something is named that changes all repeats alike."""
+    return any(not get_effect(name).random_repeats for name in cause.named)
 
 
 def _maps(block: Block, cause: Cause) -> list[tuple[str, NDArray[np.float64]]]:
@@ -153,7 +179,7 @@ def _maps(block: Block, cause: Cause) -> list[tuple[str, NDArray[np.float64]]]:
     """
     response = response_of(block, cause)
     shown = [("left over without an effect [mm]", np.zeros_like(response))]
-    if cause.named:
+    if _shifts(cause):
         shown.append((f"with {' and '.join(cause.named)} [mm]", response))
     maps = []
     for title, taken in shown:

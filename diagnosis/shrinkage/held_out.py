@@ -222,7 +222,9 @@ def measure_shrinkage(
             shown += [hold_out(block, sizes[name], rival, judge, whole) for block, whole in own]
     rows += [one.squares for one in shown]
     best = tuple(one for one in seen if one.block.scene == "stretch") or tuple(seen)
-    return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, bool(judge.looks)), tuple(shown), best)
+    shifts = any(not get_effect(name).random_repeats for chosen in sizes.values() for name, _ in chosen)
+    fresh = bool(judge.looks) and shifts
+    return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, fresh), tuple(shown), best)
 
 
 def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
     from diagnosis.atlas import PartSolver
     from diagnosis.diagnose import Diagnosis, DiagnosisOptions
+    from diagnosis.extension import SimulatorExtension
     from diagnosis.isolability import Isolability
     from diagnosis.simulation.drape_cache import DrapeCache
 
@@ -45,7 +46,7 @@ def diagnose(
         False, "--isolability", help="Only say which effects such captures can tell apart (isolability.json)."
     ),
     apply: bool = typer.Option(
-        False, "--apply", help="Also write simulator.json: the effects found, to simulate with."
+        False, "--apply", help="Also write simulator.json: the effects found, for `drapemeter dataset --simulator`."
     ),
     atlas: Path | None = typer.Option(None, "--atlas", help="Folder of simulations; default: the user's cache."),
     build_atlas: bool = typer.Option(False, "--build-atlas", help="Only simulate what does not depend on pictures."),
@@ -75,12 +76,15 @@ def diagnose(
     from diagnosis.diagnose import DiagnosisOptions
     from diagnosis.tasks.meshing import check_resolution
 
-    _check_out(out)
+    _check_out(out, apply=apply)
     if workers < 1:
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
     _check_modes(isolability, build_atlas, apply, address)
     check_resolution(resolution)
-    options = DiagnosisOptions(_names(effects), _names(without), resolution, workers, afresh, lpips)
+    tried = _names(effects)
+    if effects and not tried:
+        raise InputError(f"--effects {effects!r} names none: give names, or leave it away", code="no_effects")
+    options = DiagnosisOptions(tried, _names(without), resolution, workers, afresh, lpips)
     options.chosen()
     captures = CaptureSet.load(capture_set, read_pictures=not (isolability or build_atlas))
     if atlas is not None:
@@ -94,28 +98,34 @@ def diagnose(
         _diagnose(captures, options, cache, out, apply, json_output)
 
 
-def _check_out(out: Path) -> None:
+def _check_out(out: Path, *, apply: bool) -> None:
     """Refuse a folder that could not take the report later.
 
     Raises:
-        InputError: it is a file, cannot be made or written to, or holds folders where the files go.
+        InputError: it is a file, cannot be made or written to, holds folders where the files go, or a file of
+            somebody's where the simulator file goes.
     """
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder for the report", code="output_is_file")
     check_folder(out, "give another folder for the report")
     for name in (REPORT, PAGE, ISOLABILITY, SIMULATOR):
         check_file(out / name)
+    if apply and (out / SIMULATOR).exists() and not _is_own(out / SIMULATOR):
+        raise InputError(
+            f"{out / SIMULATOR} is there and no simulator file: give another folder, or take it away",
+            code="output_in_use",
+        )
 
 
 def _is_own(path: Path) -> bool:
-    """Whether a simulator file is there that a report wrote; anything else of that name is somebody's."""
-    from diagnosis.extension import SimulatorExtension
+    """Whether a simulator file is there, whatever effects it has; anything else of that name is somebody's."""
+    from diagnosis.extension import FORMAT
 
     try:
-        SimulatorExtension.load(path)
-    except InputError:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError):
         return False
-    return True
+    return isinstance(found, dict) and found.get("format") == FORMAT
 
 
 def _check_modes(isolability: bool, build_atlas: bool, apply: bool, address: str | None) -> None:
@@ -157,15 +167,21 @@ def _diagnose(
     with console.progress("simulating", total=_shown(captures)) as bar:
         found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
     make_folder(out, "give another folder for the report")
+    earlier = (out / REPORT).exists()
     page = render_html(found, captures.document.name or captures.folder.resolve().name)
     write_atomically(out / PAGE, page.encode())
     document = found.report.as_json()
     write_atomically(out / REPORT, (json.dumps(console.to_plain(document), indent=1, allow_nan=False) + "\n").encode())
     if apply:
-        SimulatorExtension.of(found.report, found.pin_radius_m).save(out / SIMULATOR)
-    elif _is_own(out / SIMULATOR):
+        made = SimulatorExtension.of(found.report, found.pin_radius_m)
+        made.save(out / SIMULATOR)
+        for line in _doubts(made, found):
+            console.note(f"{out / SIMULATOR}: {line}")
+    elif _is_own(out / SIMULATOR) and earlier:
         (out / SIMULATOR).unlink()
         console.note(f"{out / SIMULATOR} was of an earlier report and is gone: --apply writes this one's")
+    elif (out / SIMULATOR).exists():
+        console.note(f"{out / SIMULATOR} is of no report here and stays as it is")
     if json_output:
         console.emit_json(document)
         return
@@ -174,9 +190,28 @@ def _diagnose(
     console.say(f"{out / REPORT}, {out / PAGE}")
 
 
+def _doubts(made: SimulatorExtension, found: Diagnosis) -> list[str]:
+    """What whoever simulates with a simulator file should know of it."""
+    from services.dataset.extension import moves_panel
+
+    probabilities = found.report.cause.probabilities
+    lines = []
+    if not made.effects:
+        lines.append("nothing is named, so it adds no effect to the simulation")
+    elif (p := sum(probabilities[effect.name] for effect in made.effects)) < 0.5:
+        lines.append(f"what it adds has probability {p:.2f} only")
+    moved = [effect.name for effect in made.effects if moves_panel(effect)]
+    lines += [f"{name} moves the panel in pictures, so that `drapemeter dataset` will refuse it" for name in moved]
+    return lines
+
+
 def _say_probabilities(found: Diagnosis) -> None:
+    from diagnosis.pages.html import size_text
+
     for name, p in sorted(found.report.cause.probabilities.items(), key=lambda item: -item[1])[:5]:
         console.say(f"  {name:20s} {p:.3f}")
+    for effect in found.report.cause.effects:
+        console.say(f"size of {effect.name}: {size_text(effect)}")
     if found.report.cause.not_separable_from:
         console.say(f"not separable from: {', '.join(found.report.cause.not_separable_from)}")
 

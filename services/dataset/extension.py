@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from diagnosis.effects import get_effect
-from diagnosis.extension import SimulatorExtension
+from diagnosis.extension import AppliedEffect, SimulatorExtension
 from diagnosis.scene import SimulationScene
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import panel_depth
@@ -61,7 +61,7 @@ def check_effects(configuration: SweepConfiguration) -> None:
         plain = build_scene(configuration.model_copy(update={"simulator": ()}), name, SOME_CLOTH, 0)
         for effect in configuration.simulator:
             shift = panel_shift_m(SimulatorExtension(effects=(effect,)).apply(plain))
-            if not shift <= MOST_PANEL_SHIFT_M:
+            if moves_panel(effect, plain):
                 raise InputError(
                     f"{effect.name} puts the panel {1e3 * shift:.0f} mm off its place in the pictures, and a store is "
                     "read against its place: correct camera_from_panel or the depth of the captures instead, and take "
@@ -93,6 +93,17 @@ def _check_sensor(scene: SimulationScene) -> None:
             "with the simulator file's effects the sensor reads nothing at all: give them smaller sizes",
             code="simulator_blind",
         )
+
+
+def moves_panel(effect: AppliedEffect, plain: SimulationScene | None = None) -> bool:
+    """An effect puts the panel elsewhere in the pictures of a sweep than a store's reader takes it to be.
+
+    Args:
+        effect: of a simulator file.
+        plain: scene of the sweep without effects; a nominal one by default.
+    """
+    scene = SimulationScene(Setup.nominal("stretch")) if plain is None else plain
+    return not panel_shift_m(SimulatorExtension(effects=(effect,)).apply(scene)) <= MOST_PANEL_SHIFT_M
 
 
 def panel_shift_m(scene: SimulationScene) -> float:

@@ -17,7 +17,7 @@ from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.isolability import REMEDIES
 from diagnosis.pages.advice import KIND_CHECKS, REGION_CHECKS, STAGE_CHECKS, advice, strongest
 from diagnosis.pages.html import render_html, sentence, size_text
-from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap
+from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap, Shrinkage
 from tests.diagnosis.where_blocks import CURL, EFFECTS, make_blocks, make_pixels
 
 
@@ -97,6 +97,22 @@ def test_of_no_effect_nothing_is_to_be_done_and_isolability_says_what_would_have
     assert "Nothing needs to be done" in text and "--isolability" in text and "Yet" not in text
     odd = advised(report("none", rows=(row(by="region", region="hem"),)))
     assert "Yet hem differs in stretch (3.0 mm against a floor of 0.5)" in odd
+
+
+def test_where_little_speaks_against_an_effect_more_is_asked_for() -> None:
+    detected = report("none")
+    detected = detected.model_copy(update={"gap": detected.gap.model_copy(update={"detected": True})})
+    for told, fabrics, word in (
+        (detected, 2, "there is a gap"),
+        (report("none", p=0.7), 2, "say little against one"),
+        (report("none"), 1, "say little against one"),
+    ):
+        text = advised(told, fabrics=fabrics)
+        assert word in text and "Nothing needs" not in text
+    fewer = {name: p for name, p in report("none").cause.probabilities.items() if name != "crease"}
+    few = report("none")
+    few = few.model_copy(update={"cause": few.cause.model_copy(update={"probabilities": fewer})})
+    assert "crease were not tried" in advised(few)
 
 
 def test_where_no_effect_is_hardly_likelier_than_one_captures_that_decide_are_asked_for() -> None:
@@ -204,3 +220,43 @@ def test_sizes_are_told_to_three_digits_and_lengths_in_millimetres() -> None:
         interval_90={"rx": (0.35, 0.86), "ry": (-0.4, 0.1)},
     )
     assert size_text(turn) == "rx 0.61 deg (90 % interval 0.35 to 0.86), ry -0.2 deg (90 % interval -0.4 to 0.1)"
+
+
+def test_the_place_of_an_effect_is_told_but_no_seed() -> None:
+    crease = FoundEffect.model_validate(
+        {"name": "crease", "stage": "fabric", "magnitude": 1.0, "unit": "rad", "interval_90": (0.8, 1.2)}
+        | {"place": {"down": 1.0, "position": 0.5}}
+    )
+    assert size_text(crease) == "1 rad (90 % interval 0.8 to 1.2), down 1, position 0.5"
+    random = {"name": "bending_hysteresis", "unit": "1/m", "place": {"seed": 1.0}}
+    assert "seed" not in size_text(FoundEffect.model_validate(crease.model_dump() | random))
+
+
+def test_an_answer_from_a_part_of_the_catalogue_does_not_speak_for_all_of_it() -> None:
+    made = report("unknown")
+    assert "no effect of the catalogue explains it" in sentence(SimpleNamespace(report=made))  # type: ignore[arg-type]
+    few = {name: p for name, p in made.cause.probabilities.items() if name != "crease"}
+    made = made.model_copy(update={"cause": made.cause.model_copy(update={"probabilities": few})})
+    assert "no effect that was tried explains it" in sentence(SimpleNamespace(report=made))  # type: ignore[arg-type]
+
+
+def closed(top: str, unit: str = "mm") -> str:
+    """The sentence of a report with a shrinkage, of a gap that is smaller than repeats scatter."""
+    made = report(top, 0.95)
+    shrinkage = Shrinkage(
+        held_out=("a",), before=6.0, after=1.5, noise_floor=1.0, repeats=1.0, fraction=0.9, interval_90=(0.8, 1.0),
+        unit=unit,
+    )  # fmt: skip
+    gap = made.gap.model_copy(update={"value": 0.3})
+    return sentence(SimpleNamespace(report=made.model_copy(update={"shrinkage": shrinkage, "gap": gap})))  # type: ignore[arg-type]
+
+
+def test_the_sentence_says_what_it_is_that_goes_away() -> None:
+    assert "They differ (0.30 mm where repeats scatter by 0.50 mm)" in closed("hem_weight")
+    assert "90 % of the gap above the floor goes away" in closed("hem_weight")
+    pixels = closed("depth_bias", "standard deviations")
+    assert "They differ (panel and pixels by 6.0 standard deviations on held-out captures" in pixels
+    assert "the cloth's shape by 0.30 mm" in pixels
+    assert "90 % of what panel and pixels show above the floor goes away" in pixels
+    assert "no simulation comes nearer with it" in closed("bending_hysteresis")
+    assert "no simulation" not in closed("hem_weight")
