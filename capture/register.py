@@ -150,9 +150,7 @@ def _register(
     return Registration(pose, method, pins, error, tuple(assumed))
 
 
-def _first_frame(
-    points: NDArray[np.float64], plane: Plane | None, up: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _first_frame(points: NDArray[np.float64], plane: Plane | None, up: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows x, y, z of a first panel frame: z from the panel or the cloth, y along ``up``; float64 [3, 3]."""
     if plane is not None:
         z = plane.normal

@@ -64,9 +64,7 @@ class Workers:
             return made
         if self._pool is None:
             self._others = frozenset(process.pid for process in active_children())
-            self._pool = ProcessPoolExecutor(
-                self.count, mp_context=get_context("spawn"), initializer=end_with_parent
-            )
+            self._pool = ProcessPoolExecutor(self.count, mp_context=get_context("spawn"), initializer=end_with_parent)
         try:
             futures = [self._pool.submit(_one_thread, work, item) for item in items]
             for _ in as_completed(futures):

@@ -126,7 +126,10 @@ def test_scenes_and_set_ups() -> None:
         ((0.2, 0.0, 0.0), "pins_overlap"),
         ((0.185, 0.0, 0.0), "pins_overlap"),
         ((0.3, 0.0, 0.0), "pins_crossed"),
-        ((-0.2, 0.0, -0.01), "pin_behind_panel"), ((-3.0, 0.0, 0.0), "pins_apart"), ((-0.2, 40.0, 0.0), "pins_apart")],
+        ((-0.2, 0.0, -0.01), "pin_behind_panel"),
+        ((-3.0, 0.0, 0.0), "pins_apart"),
+        ((-0.2, 40.0, 0.0), "pins_apart"),
+    ],
 )
 def test_pins_where_no_sample_can_be_pinned(place: tuple[float, float, float], code: str, solver: Solver) -> None:
     """Behind the panel, in one place, the wrong way round, or so far apart that the cloth between would tear."""
