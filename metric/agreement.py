@@ -36,9 +36,12 @@ class MetricAgreement:
     """How well a metric orders fabrics as people do.
 
     Attributes:
-        per_fabric: Spearman correlation of each reference fabric's ranking with that of the embedding, shape [n].
+        per_fabric: Spearman correlation of each reference fabric's ranking with that of the embedding, shape [n]; NaN
+            of a fabric that no answer names, which ranks nowhere.
         mean: their mean.
-        interval_95: bootstrap over participants of ``mean``, the embedding fitted anew each time; None where not asked.
+        interval_95: bootstrap over participants of ``mean``, the embedding fitted anew each time; the basic interval
+            (Davison and Hinkley 1997, eq. 5.6), because resampled answers correlate less than the answers do, as these
+            do less than the truth; within -1 to 1; None where not asked.
         answers_predicted: share of the raw answers in which the metric puts the chosen fabric nearer.
     """
 
@@ -119,18 +122,37 @@ def metric_agreement(
     """
     triplets = answer_array(answers)
     whole = embed(triplets, fabrics, dimensions=dimensions, seed=seed)
+    named = np.isin(np.arange(fabrics), triplets)
     several = len({answer.participant for answer in answers}) > 1  # of one person nothing can be drawn again
     resampled = _resampled_distances(answers, fabrics, whole.points, bootstrap if several else 0, seed)
     found = {}
     for name, matrix in matrices.items():
-        per_fabric = rank_correlations(matrix, whole.distances)
-        means = [mean for d in resampled if not np.isnan(mean := _mean(rank_correlations(matrix, d)))]
-        interval = (float(np.percentile(means, 2.5)), float(np.percentile(means, 97.5))) if means else None
+        per_fabric = _correlations(matrix, whole.distances, named)
+        mean = _mean(per_fabric)
+        means = [again for d, known in resampled if not np.isnan(again := _mean(_correlations(matrix, d, known)))]
+        interval = _basic_interval(mean, means) if means else None
         reference, chosen, rejected = triplets.T
         nearer = matrix[reference, chosen] - matrix[reference, rejected]
         predicted = float(np.mean(np.where(nearer == 0, 0.5, nearer < 0)))
-        found[name] = MetricAgreement(per_fabric, _mean(per_fabric), interval, predicted)
+        found[name] = MetricAgreement(per_fabric, mean, interval, predicted)
     return found
+
+
+def _correlations(
+    distance: NDArray[np.float64], reference: NDArray[np.float64], named: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """:func:`rank_correlations` among the fabrics that answers name, bool [n]; NaN of others, which lie anywhere."""
+    if distance.shape != reference.shape or named.all():
+        return rank_correlations(distance, reference)
+    found = np.full(len(named), np.nan)
+    if np.count_nonzero(named) >= 3:
+        found[named] = rank_correlations(distance[np.ix_(named, named)], reference[np.ix_(named, named)])
+    return found
+
+
+def _basic_interval(estimate: float, resampled: Sequence[float]) -> tuple[float, float]:
+    low, high = (float(np.clip(2.0 * estimate - np.percentile(resampled, q), -1.0, 1.0)) for q in (97.5, 2.5))
+    return low, high
 
 
 def _mean(values: NDArray[np.float64]) -> float:
@@ -141,7 +163,8 @@ def _mean(values: NDArray[np.float64]) -> float:
 
 def _resampled_distances(
     answers: Sequence[Answer], fabrics: int, start: NDArray[np.float64], count: int, seed: int
-) -> list[NDArray[np.float64]]:
+) -> list[tuple[NDArray[np.float64], NDArray[np.bool_]]]:
+    """Distances in embeddings of answers drawn anew, [n, n], and which fabrics those answers name, bool [n]."""
     by_participant: dict[str, list[Answer]] = defaultdict(list)
     for answer in answers:
         by_participant[answer.participant].append(answer)
@@ -150,5 +173,6 @@ def _resampled_distances(
     found = []
     for _ in range(count):
         drawn = np.concatenate([groups[i] for i in rng.integers(0, len(groups), len(groups))])
-        found.append(embed(drawn, fabrics, dimensions=start.shape[1], restarts=1, start=start, seed=seed).distances)
+        again = embed(drawn, fabrics, dimensions=start.shape[1], restarts=1, start=start, seed=seed)
+        found.append((again.distances, np.isin(np.arange(fabrics), drawn)))
     return found

@@ -61,10 +61,11 @@ def monotone_share(distance: NDArray[np.float64]) -> float:
     """How monotone the distances along a sweep are.
 
     For every fabric as reference and every two others on the same side of it, the one further along the sweep must be
-    further away; the share of such triples in which it is. 0.5 is chance.
+    further away; the share of such triples in which it is. 0.5 is chance; NaN of fewer than three fabrics, which have
+    no such triple.
 
     Args:
-        distance: between the fabrics of a sweep in order, shape [n, n], n >= 3.
+        distance: between the fabrics of a sweep in order, shape [n, n].
     """
     count = len(distance)
     right, total = 0, 0
@@ -75,7 +76,7 @@ def monotone_share(distance: NDArray[np.float64]) -> float:
                 for far in places[k + 1 :]:
                     right += int(distance[reference, near] < distance[reference, far])
                     total += 1
-    return right / total
+    return right / total if total else float("nan")
 
 
 def _scaled(names: Sequence[str], factor: float) -> FabricParameters:

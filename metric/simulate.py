@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -87,6 +88,16 @@ class SimulationPlan:
 
 Runner = Callable[[Sequence[DrapeRequest]], Iterator[RequestResult]]
 """Runs requests in any order, each once; a Ray cluster may stand behind it."""
+
+
+def samples_apart(fabrics: Sequence[FabricParameters], plan: SimulationPlan) -> list[int]:
+    """Numbers of first repeats with which fabrics of equal numbers are independent samples, never the same pictures."""
+    seen: Counter[FabricParameters] = Counter()
+    firsts = []
+    for fabric in fabrics:
+        firsts.append(seen[fabric] * plan.simulations)
+        seen[fabric] += 1
+    return firsts
 
 
 def simulate_fabrics(

@@ -17,10 +17,19 @@ def parse_json(text: str, source: object) -> Any:
         source: its name, for messages.
 
     Raises:
-        InputError: not JSON, nested too deeply, or a number with thousands of digits.
+        InputError: not JSON, nested too deeply, a key twice in one object, or a number with thousands of digits.
     """
+
+    def once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise InputError(f"{source}: {twice!r} is given twice in one object: give it once", code="file_key_twice")
+        return found
+
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=once_each)
     except json.JSONDecodeError as error:
         raise InputError(f"{source}: not valid JSON (line {error.lineno}: {error.msg})", code="file_not_json") from None
     except RecursionError:

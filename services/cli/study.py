@@ -108,7 +108,7 @@ def list_(database: str | None = DATABASE, seed: int = SEED_UNUSED, json_output:
     """
     from services.web.study_create import list_studies
 
-    with open_database(database) as opened:
+    with open_database(database, make=False) as opened:
         studies = list_studies(opened)
     if json_output:
         console.emit_json({"studies": studies})
@@ -116,8 +116,8 @@ def list_(database: str | None = DATABASE, seed: int = SEED_UNUSED, json_output:
     for s in studies:
         simulated = f", {s['simulated_observers']} simulated" if s["simulated_observers"] else ""
         console.say(
-            f"{s['id']}  {s['name']}: {s['fabrics']} fabrics, {s['participants']} participants{simulated}, "
-            f"{s['answers']} answers"
+            f"{s['id']}  {s['name']}: {s['fabrics']} fabrics, {s['participants']} participants of {s['begun']} who "
+            f"began{simulated}, {s['answers']} answers"
         )
 
 
@@ -205,11 +205,11 @@ def export(
     from services.cli.outputs import check_file, make_folder
 
     check_file(out)
-    make_folder(out.absolute().parent, "name a place that can be written to")
     with open_study(database, study) as store:
         rows: list[dict[str, Any]] = [
             {**console.to_plain({**vars(row), "answered_at": row.answered_at.isoformat()})} for row in store.export()
         ]
+    make_folder(out.absolute().parent, "name a place that can be written to")
     with out.open("w", encoding="utf-8", newline="") as stream:
         if out.suffix == ".json":
             json.dump(rows, stream, ensure_ascii=False, indent=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +14,17 @@ from services.cli.study_options import DATABASE, STUDY, open_study
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
     from metric.simulate import SimulationPlan
+    from metric.triplets import Answer
     from services.web.study_store import StudyStore
+
+EMBEDDED = 2
+"""Dimensions of the embedding: of n fabrics it takes about so many times n log2 n answers (Jamieson and Nowak 2011)."""
 
 
 def analyse(
@@ -46,12 +53,12 @@ def analyse(
     from metric.simulate import SimulationPlan
     from metric.tste import answer_array, embed
     from services.cli.metric_options import check_resolution
-    from services.cli.outputs import make_folder
+    from services.cli.outputs import check_folder, make_folder
 
     check_resolution(resolution)
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     if out is not None:
-        make_folder(out, "name a folder that can be written to")
+        check_folder(out, "name a folder that can be written to")
     names = [name.strip() for name in backends.split(",") if name.strip()]
     with open_study(database, study) as store:
         answers = store.answers(simulated=simulated)
@@ -63,7 +70,9 @@ def analyse(
         matrices = _matrices(store, names, plan)
         scores = metric_agreement(matrices, answers, count, bootstrap=bootstrap, seed=seed) if matrices else {}
         agreed = agreement(answers)
+        _note_few(store, answers)
         if out is not None:
+            make_folder(out, "name a folder that can be written to")
             _draw(out / "embedding.png", store, found.points, simulated)
     document: dict[str, Any] = {
         "study": study,
@@ -93,14 +102,14 @@ def _matrices(store: StudyStore, names: list[str], plan: SimulationPlan) -> dict
     from metric.backends import get_backend
     from metric.matrix import pair_tables
     from metric.parameter_distance import ParameterDistance
-    from metric.simulate import simulate_fabrics
+    from metric.simulate import samples_apart, simulate_fabrics
     from services.cli.metric_options import caches
     from simcore.parameters import FabricParameters
 
     chosen = [get_backend(name) for name in names]
-    if any(fabric.parameters is None for fabric in store.fabrics):
-        if chosen:
-            console.note("parameters of some fabrics are unknown: no metric is compared with people")
+    unknown = [fabric.name for fabric in store.fabrics if fabric.parameters is None]
+    if unknown:
+        console.note(f"no metric is compared with people: parameters are unknown of {', '.join(unknown)}")
         return {}
     fabrics = [FabricParameters.from_mapping(f.parameters or {}) for f in store.fabrics]
     found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
@@ -108,11 +117,24 @@ def _matrices(store: StudyStore, names: list[str], plan: SimulationPlan) -> dict
         return found
     renders, features = caches(True)
     with console.progress("simulating", 2 * plan.simulations * len(fabrics)) as bar:
-        simulated = simulate_fabrics(fabrics, plan, cache=renders, on_done=bar.advance)
+        firsts = samples_apart(fabrics, plan)
+        simulated = simulate_fabrics(fabrics, plan, first_repeats=firsts, cache=renders, on_done=bar.advance)
     for backend in chosen:
         tables = pair_tables([s.scenes for s in simulated], backend, cache=features)
         found[backend.name] = tables.distances()
     return found
+
+
+def _note_few(store: StudyStore, answers: Sequence[Answer]) -> None:
+    """Say where the answers hardly place the fabrics."""
+    named = {place for a in answers for place in (a.triplet.reference, a.triplet.left, a.triplet.right)}
+    strange = [fabric.name for fabric in store.fabrics if fabric.place not in named]
+    if strange:
+        console.note(f"no answer names {', '.join(strange)}: they lie anywhere, and count in no correlation")
+    count = len(store.fabrics)
+    needed = math.ceil(EMBEDDED * count * math.log2(count))
+    if len(answers) < needed:
+        console.note(f"{len(answers)} answers place {count} fabrics poorly ({needed} are a beginning): ask more people")
 
 
 def _draw(path: Path, store: StudyStore, points: NDArray[np.float64], simulated: bool) -> None:

@@ -46,7 +46,7 @@ def compare(
     from metric.orderings import default_sweeps
     from metric.simulate import SimulationPlan, simulate_fabrics
     from services.cli.metric_options import caches, check_resolution
-    from services.cli.outputs import make_folder
+    from services.cli.outputs import check_folder, make_folder
     from simcore.prior import FabricPrior
 
     check_resolution(resolution)
@@ -57,7 +57,7 @@ def compare(
     if not chosen:
         raise InputError("--backends names none: give at least one image distance", code="backends_missing")
     if out is not None:
-        make_folder(out, "name a folder that can be written to")
+        check_folder(out, "name a folder that can be written to")
     sweeps = default_sweeps(steps)
     drawn = FabricPrior.default().sample(range(fabrics), seed)
     everything = [*drawn, *(f for sweep in sweeps for f in sweep.fabrics)]
@@ -83,6 +83,7 @@ def compare(
         "parameters": _parameter_rows(drawn, {s.name: s.fabrics for s in sweeps}),
     }
     if out is not None:
+        make_folder(out, "name a folder that can be written to")
         _write(out, document, scores)
     if json_output:
         console.emit_json(document)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from simcore.errors import InputError
+
 if TYPE_CHECKING:
     from services.db.engine import Database
     from services.web.study_store import StudyStore
@@ -17,11 +19,15 @@ STUDY = typer.Argument(..., metavar="STUDY", help="Identifier of the study; 'dra
 
 
 @contextmanager
-def open_database(url: str | None) -> Iterator[Database]:
+def open_database(url: str | None, *, make: bool = True) -> Iterator[Database]:
     """The database with its tables up to date; an embedded one is made as needed.
 
+    Args:
+        url: of the database; None: as the settings say.
+        make: an embedded one that is not there may be made.
+
     Raises:
-        InputError: an unusable URL.
+        InputError: an unusable URL, or a database that is not there and may not be made.
         MissingResourceError: it cannot be reached, or a shared one has the tables of another version.
     """
     from services.cli.serve import load_settings
@@ -31,6 +37,12 @@ def open_database(url: str | None) -> Iterator[Database]:
     database = NewDatabase(load_settings({"database": url}).database)
     try:
         if database.is_sqlite:
+            if not make and (place := database.file) is not None and not place.exists():
+                raise InputError(
+                    f"{place}: no such database, so no study: give --database (`drapemeter study list` shows what one "
+                    "holds)",
+                    code="file_missing",
+                )
             upgrade(database)
         else:
             require_current(database)
@@ -48,5 +60,5 @@ def open_study(url: str | None, study: str) -> Iterator[StudyStore]:
     """
     from services.web.study_store import StudyStore as NewStore
 
-    with open_database(url) as database:
+    with open_database(url, make=False) as database:
         yield NewStore(database, study)

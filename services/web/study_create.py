@@ -97,32 +97,34 @@ def create_study(
 
 
 def list_studies(database: Database) -> list[dict[str, Any]]:
-    """Every study with the number of its fabrics, participants and answers, oldest first."""
+    """Every study with the number of its fabrics, of people who began and of those who answered, and of answers, oldest
+    first."""
     with database.read() as session:
         return [_summary(session, study) for study in session.scalars(select(Study).order_by(Study.number))]
 
 
 def _summary(session: Session, study: Study) -> dict[str, Any]:
-    def count(simulated: bool) -> tuple[int, int]:
+    def count(simulated: bool) -> tuple[int, int, int]:
         people = (StudyParticipant.study_number == study.number, StudyParticipant.simulated.is_(simulated))
-        participants = session.scalar(select(func.count()).select_from(StudyParticipant).where(*people)) or 0
-        answers = session.scalar(
-            select(func.count())
+        begun = session.scalar(select(func.count()).select_from(StudyParticipant).where(*people)) or 0
+        participants, answers = session.execute(
+            select(func.count(StudyAnswer.participant_number.distinct()), func.count())
             .select_from(StudyAnswer)
             .join(StudyParticipant, StudyParticipant.number == StudyAnswer.participant_number)
             .where(*people)
-        )
-        return participants, answers or 0
+        ).one()
+        return begun, participants, answers
 
     fabrics = session.scalar(
         select(func.count()).select_from(StudyFabric).where(StudyFabric.study_number == study.number)
     )
-    (people, answers), (observers, simulated_answers) = count(False), count(True)
+    (begun, people, answers), (_, observers, simulated_answers) = count(False), count(True)
     return {
         "id": study.id,
         "name": study.name,
         "fabrics": fabrics,
         "triplets": study.triplets,
+        "begun": begun,
         "participants": people,
         "answers": answers,
         "simulated_observers": observers,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from metric.library import LibraryFabric
 from metric.render_cache import RenderCache
-from metric.simulate import SimulationPlan, simulate_fabrics
+from metric.simulate import SimulationPlan, samples_apart, simulate_fabrics
 from services.web.study_create import PictureFile, StudyEntry
 from simcore.errors import InputError
 
@@ -31,7 +31,9 @@ def entries_from_library(
     """
     from PIL import Image
 
-    simulated = simulate_fabrics([f.parameters for f in library], plan, cache=renders, on_done=on_done)
+    fabrics = [f.parameters for f in library]
+    firsts = samples_apart(fabrics, plan)
+    simulated = simulate_fabrics(fabrics, plan, first_repeats=firsts, cache=renders, on_done=on_done)
     entries = []
     for fabric, found in zip(library, simulated, strict=True):
         pictures = []
@@ -50,7 +52,8 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
     Photographs are turned upright, scaled down to 1024 pixels and stripped of all that a camera writes into them.
 
     Raises:
-        InputError: no such folder, no subfolders, or a file that is no usable picture.
+        InputError: no such folder, no subfolders, a file that is no usable picture, or a subfolder of a name that a
+            library, where one is given, does not have.
     """
     if not folder.is_dir():
         raise InputError(
@@ -65,6 +68,13 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
             for place, path in enumerate(files)
         )
         entries.append(StudyEntry(inner.name, known.get(inner.name), pictures))
+    strange = sorted(entry.name for entry in entries if library and entry.name not in known)
+    if strange:
+        raise InputError(
+            f"{folder}: the library has no fabric named {', '.join(strange)} (it has {', '.join(sorted(known))}): name "
+            "subfolders as it names fabrics, or give no library, and no metric is compared with the answers",
+            code="photographs_unknown",
+        )
     if not entries:
         raise InputError(f"{folder} has no subfolders: put each fabric's photographs into one", code="study_empty")
     return entries

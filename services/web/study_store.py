@@ -134,7 +134,8 @@ class StudyStore:
             return {row.position: row.chosen for row in rows}
 
     def answer(self, participant: StudyParticipant, position: int, chosen: int, milliseconds: int) -> None:
-        """Record an answer; one given before to the same question is replaced and counted as a change.
+        """Record an answer; another one given before to the same question is replaced and counted as a change, the same
+        one stands with the time that it took.
 
         Raises:
             InputError: no such question, or a fabric that it does not offer.
@@ -161,8 +162,9 @@ class StudyStore:
                     )
                 )
                 return
-            row.changes += int(row.chosen != chosen)
-            row.chosen, row.milliseconds, row.answered_at = chosen, milliseconds, utc_now()
+            if row.chosen != chosen:
+                row.changes += 1
+                row.chosen, row.milliseconds, row.answered_at = chosen, milliseconds, utc_now()
 
     def answers(self, *, simulated: bool) -> list[Answer]:
         """All answers of people, or all of simulated observers; never mixed."""

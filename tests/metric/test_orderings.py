@@ -40,6 +40,7 @@ def test_monotone_share_of_a_line_of_chance_and_of_the_reverse() -> None:
     rng = np.random.default_rng(0)
     shares = [monotone_share(np.where(np.eye(6) > 0, 0, rng.random((6, 6)))) for _ in range(200)]
     assert np.mean(shares) == pytest.approx(0.5, abs=0.03)
+    assert np.isnan(monotone_share(line[:2, :2]))
 
 
 def test_scores_of_a_distance(make_render: MakeRender) -> None:

@@ -149,6 +149,32 @@ def test_of_one_participant_there_is_no_interval_and_of_one_distance_no_correlat
     assert np.isnan(found["flat"].mean)
 
 
+def test_a_fabric_that_no_answer_names_ranks_nowhere() -> None:
+    truth = distances(known_points())
+    answers = [a for a in simulate_observers(truth, 20, seed=3, noise=0.1) if 9 not in _named(a)]
+    found = metric_agreement({"true": truth}, answers, 10, bootstrap=5)["true"]
+    assert np.isnan(found.per_fabric[9]) and np.isfinite(found.per_fabric[:9]).all()
+    assert found.mean > 0.8 and found.interval_95 is not None
+    one = metric_agreement({"true": truth}, answers[:1], 10, bootstrap=0)["true"]
+    assert np.isfinite(one.per_fabric).sum() == 3
+    few = sorted(_named(answers[0]))
+    assert np.isfinite(one.per_fabric[few]).all()
+
+
+def _named(answer: Answer) -> set[int]:
+    return {answer.triplet.reference, answer.triplet.left, answer.triplet.right}
+
+
+def test_the_interval_lies_about_the_estimate_as_resamples_lie_off_it() -> None:
+    truth = distances(known_points(4))
+    answers = simulate_observers(truth, 6, seed=1, noise=0.3)
+    found = metric_agreement({"true": truth}, answers, 10, bootstrap=30)["true"]
+    assert found.interval_95 is not None
+    low, high = found.interval_95
+    assert low < high <= 1.0
+    assert high - found.mean > found.mean - low  # resamples correlate less, the truth more
+
+
 def test_rank_correlation_is_spearmans() -> None:
     first, second = distances(known_points(8)), distances(known_points(9))
     others = np.arange(10) != 4

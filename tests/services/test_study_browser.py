@@ -176,6 +176,55 @@ def test_a_failing_server_is_said_and_nothing_is_lost(page: Any, served: tuple[s
     assert len(served[1].export()) == 1
 
 
+def test_a_picture_that_fails_leaves_the_question_as_it_was(page: Any, served: tuple[str, StudyStore]) -> None:
+    begin(page)
+    shown = page.eval_on_selector_all("#question img", "images => images.map(i => i.src)")
+    seen = [0]
+
+    def fail_the_last(route: Any) -> None:
+        seen[0] += 1
+        if seen[0] == 6:
+            route.abort()
+        else:
+            route.continue_()
+
+    page.route("**/pictures/*", fail_the_last)
+    page.keyboard.press("ArrowLeft")
+    page.wait_for_selector("#trouble:not([hidden])")
+    assert page.eval_on_selector_all("#question img", "images => images.map(i => i.src)") == shown
+    assert page.inner_text("#count") == f"1 of {QUESTIONS}"
+    page.unroute("**/pictures/*")
+    page.keyboard.press("ArrowLeft")
+    expect_question(page, 2)
+    (exported,) = served[1].export()
+    assert exported.position == 0 and exported.chosen == exported.left and exported.changes == 0
+
+
+def test_another_participants_address_shows_nothing_of_this_ones(page: Any, served: tuple[str, StudyStore]) -> None:
+    begin(page)
+    page.keyboard.press("ArrowLeft")
+    expect_question(page, 2)
+    other = served[1].add_participant(simulated=False).id
+    page.route("**/questions/*", lambda route: route.fulfill(status=503, body="{}"))
+    page.evaluate("id => { location.hash = id; }", other)
+    page.wait_for_selector("#trouble:not([hidden])")
+    assert page.is_hidden("#question")
+    page.keyboard.press("ArrowLeft")
+    page.unroute("**/questions/*")
+    page.reload()
+    expect_question(page, 1)
+    assert len(served[1].export()) == 1
+
+
+def test_a_page_that_was_open_for_days_answers(page: Any, served: tuple[str, StudyStore]) -> None:
+    begin(page)
+    page.evaluate("() => { const now = performance.now(); performance.now = () => now + 3 * 86400000; }")
+    page.keyboard.press("ArrowLeft")
+    expect_question(page, 2)
+    (exported,) = served[1].export()
+    assert exported.milliseconds == 86_400_000
+
+
 def test_an_address_of_nobody(page: Any, served: tuple[str, StudyStore]) -> None:
     page.goto(served[0] + "#part_0")
     page.reload()

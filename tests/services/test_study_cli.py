@@ -13,8 +13,12 @@ from PIL import Image
 
 from metric.agreement import rank_correlations
 from metric.draping import DrapeRequest, RequestResult
+from metric.library import LibraryFabric
 from metric.render import DrapeRender
+from metric.simulate import SimulationPlan, samples_apart
 from services.cli.main import run
+from services.web.study_pictures import entries_from_library
+from simcore.errors import SimulationError
 from simcore.prior import FabricPrior
 
 
@@ -94,6 +98,55 @@ def test_photographs_are_scaled_and_stripped(folder: Path) -> None:
         with Image.open(io.BytesIO(shown.content)) as image:
             assert max(image.size) == 1024
             assert len(image.getexif()) == 0
+
+
+def test_photographs_that_the_library_does_not_name_are_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "photos" / "fabric-3").rename(folder / "photos" / "Fabric-3")
+    library, photos = str(folder / "library.json"), str(folder / "photos")
+    assert run(["study", "make", library, "--photographs", photos]) == 2
+    assert "no fabric named Fabric-3" in capsys.readouterr().err
+    study = document(capsys, "study", "make", "--photographs", photos)["study"]
+    document(capsys, "study", "simulate", study, "--observers", "1")
+    analysed = run(["study", "analyse", study, "--simulated", "--backends", ""])
+    said = capsys.readouterr().err
+    assert analysed == 0
+    assert "parameters are unknown of" in said and "Fabric-3" in said and "20 answers place 8 fabrics poorly" in said
+
+
+def test_what_is_refused_leaves_nothing_behind(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = sorted(folder.iterdir())
+    for arguments in (
+        ["analyse", "study_x", "--out", str(folder / "new")],
+        ["export", "study_x", "--out", str(folder / "new" / "x.csv")],
+        ["list"],
+    ):
+        assert run(["study", *arguments]) == 2
+        assert "no such database" in capsys.readouterr().err
+        assert sorted(folder.iterdir()) == before
+    made = document(capsys, "study", "make", "--photographs", str(folder / "photos"))
+    for arguments in (["analyse", "study_x"], ["analyse", made["study"], "--backends", "nosuch"]):
+        assert run(["study", *arguments, "--out", str(folder / "new")]) == 2
+        capsys.readouterr()
+        assert not (folder / "new").exists()
+
+
+def test_fabrics_of_equal_numbers_are_shown_by_different_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = SimulationPlan(simulations=3)
+    one, other = FabricPrior.default().sample(range(2), seed=0)
+    assert samples_apart([one, other, one, one], plan) == [0, 0, 3, 6]
+    asked: list[Any] = []
+
+    def refuse(fabrics: Any, plan: Any, **options: Any) -> Any:
+        asked.append(options["first_repeats"])
+        raise SimulationError("enough", code="enough")
+
+    monkeypatch.setattr("services.web.study_pictures.simulate_fabrics", refuse)
+    twins = [LibraryFabric("a", one), LibraryFabric("twin", one)]
+    with pytest.raises(SimulationError):
+        entries_from_library(twins, plan)
+    assert asked == [[0, 3]]
 
 
 def test_unusable_studies_name_the_way_out(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

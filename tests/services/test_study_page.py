@@ -130,12 +130,22 @@ def test_the_page_loads_nothing_from_elsewhere(client: TestClient) -> None:
     assert "https://" not in page.text
 
 
+def test_the_same_answer_again_keeps_the_time_that_it_took(store: StudyStore) -> None:
+    person = store.add_participant()
+    left, right = person.questions[0][1:3]
+    for chosen, milliseconds in ((left, 1500), (left, 10), (right, 700)):
+        store.answer(person, 0, chosen, milliseconds)
+        (row,) = store.export()
+        assert (row.milliseconds, row.changes) == ((1500, 0) if chosen == left else (700, 1))
+
+
 def test_studies_are_listed_with_people_and_simulated_observers_apart(store: StudyStore) -> None:
+    store.add_participant()
     person, machine = store.add_participant(), store.add_participant(simulated=True)
     for participant in (person, machine, machine):
         store.answer(participant, 0, participant.questions[0][1], 5)
     (row,) = list_studies(store.database)
-    assert (row["participants"], row["answers"]) == (1, 1)
+    assert (row["begun"], row["participants"], row["answers"]) == (2, 1, 1)
     assert (row["simulated_observers"], row["simulated_answers"]) == (1, 1)
     assert len(store.answers(simulated=True)) == 1
     assert store.answers(simulated=True)[0].simulated

@@ -4,12 +4,13 @@
 
 const byId = (id) => document.getElementById(id);
 const SECTIONS = ["welcome", "question", "thanks"];
+const LONGEST_MS = 86_400_000; // a page may be left open for days
 
 let participant = location.hash.slice(1);
 let total = 0;
 let position = null;
 let shownAt = 0;
-let busy = false;
+let running = null;
 
 async function call(path, options) {
   const answer = await fetch(path, options);
@@ -33,20 +34,23 @@ function trouble(error) {
 }
 
 // One thing at a time: a key held down or a double click must not answer the next question.
-async function alone(work) {
-  if (busy) return;
-  busy = true;
-  try {
-    trouble(null);
-    await work();
-  } catch (error) {
-    trouble(error);
-  } finally {
-    busy = false;
-  }
+function alone(work) {
+  if (running !== null) return;
+  const finished = async () => {
+    try {
+      trouble(null);
+      await work();
+    } catch (error) {
+      trouble(error);
+    } finally {
+      running = null;
+    }
+  };
+  running = finished();
 }
 
-async function loadPictures(holder, paths, what) {
+// Pictures that are ready to be shown: all of a question's are, before the first takes the place of another's.
+async function loadPictures(paths, what) {
   const images = paths.map((path, k) => {
     const image = new Image();
     image.src = path;
@@ -55,16 +59,17 @@ async function loadPictures(holder, paths, what) {
     return image;
   });
   await Promise.all(images.map((image) => image.decode()));
-  holder.replaceChildren(...images);
+  return images;
 }
 
 async function ask(next) {
-  const question = await call(`participants/${participant}/questions/${next}`);
-  await Promise.all([
-    loadPictures(byId("reference"), question.reference, "reference fabric"),
-    loadPictures(byId("left"), question.left, "left fabric"),
-    loadPictures(byId("right"), question.right, "right fabric"),
-  ]);
+  const who = participant;
+  const question = await call(`participants/${who}/questions/${next}`);
+  const pictures = await Promise.all(
+    ["reference", "left", "right"].map((which) => loadPictures(question[which], `${which} fabric`)),
+  );
+  if (who !== participant) return; // the address is another participant's by now
+  ["reference", "left", "right"].forEach((which, k) => byId(which).replaceChildren(...pictures[k]));
   position = next;
   for (const side of ["left", "right"]) byId(side).setAttribute("aria-pressed", String(question.chosen === side));
   byId("back").disabled = position === 0;
@@ -89,7 +94,7 @@ async function goOn() {
 
 async function choose(side) {
   if (position === null || byId("question").hidden) return;
-  const milliseconds = Math.round(performance.now() - shownAt);
+  const milliseconds = Math.min(Math.round(performance.now() - shownAt), LONGEST_MS);
   await call(`participants/${participant}/answers/${position}`, send("PUT", { chosen: side, milliseconds }));
   await goOn();
 }
@@ -128,8 +133,12 @@ document.addEventListener("keydown", (event) => {
   event.preventDefault();
   alone(work);
 });
-window.addEventListener("hashchange", () => {
+// Another participant's address: nothing of this one's question may be left, whatever is under way.
+window.addEventListener("hashchange", async () => {
   participant = location.hash.slice(1);
+  position = null;
+  show(null);
+  await running;
   alone(open);
 });
 alone(open);
