@@ -39,9 +39,10 @@ class MetricAgreement:
         per_fabric: Spearman correlation of each reference fabric's ranking with that of the embedding, shape [n]; NaN
             of a fabric that no answer names, which ranks nowhere.
         mean: their mean.
-        interval_95: bootstrap over participants of ``mean``, the embedding fitted anew each time; the basic interval
-            (Davison and Hinkley 1997, eq. 5.6), because resampled answers correlate less than the answers do, as these
-            do less than the truth; within -1 to 1; None where not asked.
+        interval_95: ``mean`` give or take 1.96 standard deviations of it over resamples of the participants, the
+            embedding fitted anew each time, within -1 to 1; None where not asked. (Resamples correlate less than the
+            answers do, so that their own quantiles would lie too low.) It is of studies like this one: few answers make
+            an embedding that correlates less than the truth does.
         answers_predicted: share of the raw answers in which the metric puts the chosen fabric nearer.
     """
 
@@ -130,7 +131,7 @@ def metric_agreement(
         per_fabric = _correlations(matrix, whole.distances, named)
         mean = _mean(per_fabric)
         means = [again for d, known in resampled if not np.isnan(again := _mean(_correlations(matrix, d, known)))]
-        interval = _basic_interval(mean, means) if means else None
+        interval = _normal_interval(mean, means) if len(means) > 1 else None
         reference, chosen, rejected = triplets.T
         nearer = matrix[reference, chosen] - matrix[reference, rejected]
         predicted = float(np.mean(np.where(nearer == 0, 0.5, nearer < 0)))
@@ -150,9 +151,9 @@ def _correlations(
     return found
 
 
-def _basic_interval(estimate: float, resampled: Sequence[float]) -> tuple[float, float]:
-    low, high = (float(np.clip(2.0 * estimate - np.percentile(resampled, q), -1.0, 1.0)) for q in (97.5, 2.5))
-    return low, high
+def _normal_interval(estimate: float, resampled: Sequence[float]) -> tuple[float, float]:
+    half = 1.96 * float(np.std(resampled, ddof=1))
+    return max(-1.0, estimate - half), min(1.0, estimate + half)
 
 
 def _mean(values: NDArray[np.float64]) -> float:
