@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from diagnosis.diagnose import Diagnosis
+from diagnosis.effect import Effect
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.isolability import Separation, remedy
@@ -57,14 +58,23 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     elif cause.top == "none":
         lines += _of_none(report, len(diagnosis.results))
     else:
-        effect = get_effect(cause.top)
-        lines.append(f"Check the {effect.stage.value} stage: {effect.hook}.")
+        lines += _of_named(get_effect(cause.top))
     lines += separating(cause)
     if "stretch" not in scenes:
         lines.append("Add captures of the stretch scene: it repeats far better than hanging and carries the diagnosis.")
     if len(diagnosis.results) == 1:
         lines.append("Add other fabrics: with one, a wrong parameter and a missing effect look alike.")
     return lines
+
+
+def _of_named(effect: Effect) -> list[str]:
+    """How to make sure of an effect, and what to do once it is sure."""
+    sure = f"Make sure that it is there ({effect.summary.rstrip('.')}): {STAGE_CHECKS[effect.stage.value]}."
+    if effect.moves_cloth or effect.random_repeats:
+        then = f"To simulate with it, diagnose with --apply and sweep with the file that it writes ({effect.hook})."
+    else:
+        then = f"Once it is sure, correct what the capture set states of {effect.stage.value} and pose ({effect.hook})."
+    return [sure, then]
 
 
 def separating(cause: CauseReport) -> list[str]:

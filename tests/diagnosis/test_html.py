@@ -55,6 +55,14 @@ def test_there_is_something_to_do_next_whatever_was_found(top: str) -> None:
     assert advised(report(top))
 
 
+def test_of_a_named_effect_it_is_said_how_to_make_sure_of_it_and_what_then() -> None:
+    hem = advised(report("hem_weight"))
+    assert "adds mass along the bottom edge" in hem and "turned by a quarter" in hem and "--apply" in hem
+    bias = advised(report("depth_bias"))
+    assert "bare panel at two distances" in bias and "correct what the capture set states" in bias
+    assert "--apply" not in bias
+
+
 def test_of_something_unknown_the_advice_goes_where_the_gap_lies() -> None:
     rows = (
         row(by="region", region="hem", gap=2.0),
