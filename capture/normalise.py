@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,11 @@ MAX_HOLE_PX = 3
 """Half of the largest hole that is filled in the canonical picture [pixel]."""
 
 
+MOST_PIN_SHIFT, MOST_RADIUS_OFF, LEAST_SQUARE = 0.01, 0.0101, 0.9
+"""What of a 0.5 m sample's set-up may be off before an estimate is told to be doubtful [m, m, edge over edge]; magnets
+that hold a point are none."""
+
+
 @dataclass(frozen=True)
 class NetworkInput:
     """What the estimator sees of one capture.
@@ -35,12 +41,29 @@ class NetworkInput:
         mask: cloth or panel was seen there (or a small hole was filled), bool [256, 256].
         scene: which scene.
         length_scale: sample size over 0.5 m. All lengths were divided by it, see :func:`stretch_scale`.
+        otherwise: in words, how the sample is put up otherwise than nominally (:func:`put_up_otherwise`).
     """
 
     height: NDArray[np.float32]
     mask: NDArray[np.bool_]
     scene: Scene
     length_scale: float = 1.0
+    otherwise: tuple[str, ...] = ()
+
+
+def put_up_otherwise(setup: Setup) -> tuple[str, ...]:
+    """In words, what of a set-up no network was shown, which knows nominal ones of square samples alone."""
+    scale = length_scale(setup)
+    nominal = Setup.nominal(setup.scene, sample_size_m=setup.sample_size_m)
+    off = max(math.dist(place, nominal.pins_m[name]) for name, place in setup.pins_m.items())
+    found = []
+    if off > MOST_PIN_SHIFT * scale:
+        found.append(f"pins of {setup.scene.value} are {1e3 * off:.0f} mm from the nominal ones")
+    if abs(setup.pin_radius_m - scale * nominal.pin_radius_m) > MOST_RADIUS_OFF * scale:
+        found.append(f"magnets hold {1e3 * setup.pin_radius_m:.0f} mm round a corner, not {10 * scale:.0f}")
+    if min(setup.sample_size_m) < LEAST_SQUARE * max(setup.sample_size_m):
+        found.append("the sample is not square")
+    return tuple(found)
 
 
 def length_scale(setup: Setup) -> float:
@@ -111,7 +134,7 @@ def normalise_depth(
         )
     height = np.where(known, np.float32(CANONICAL_DISTANCE_M) - seen, np.float32(0.0))
     height, known = _fill(height, known)
-    return NetworkInput(height, known, setup.scene, scale)
+    return NetworkInput(height, known, setup.scene, scale, put_up_otherwise(setup))
 
 
 def _canonical_depth(

@@ -124,6 +124,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     with told_in_one_line():
+        if options.out is not None and not options.out.absolute().parent.is_dir():
+            raise InputError(f"{options.out}: no such folder: make it, or name another file", code="folder_unusable")
         scores = evaluate_captures(Estimator.load(options.model), known_fabrics(options.captures))
     sys.stdout.write(markdown(scores) + "\n")
     if options.out is not None:

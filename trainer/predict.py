@@ -46,6 +46,7 @@ class Estimate:
         parameters: the six of ``ESTIMATED_NAMES``, SI.
         intervals_90: lower and upper end, SI; cover the truth for 90 % of synthetic fabrics held out of training.
         out_of_distribution: the captures are unlike what the network was trained on; do not trust the intervals.
+        reasons: in words, what of the set-up makes them so, whatever the pictures look like.
         out_of_distribution_score: largest distance from the training pictures over its border; 1 is the border.
         scenes: scenes the estimate rests on.
         model_version: of the network.
@@ -57,6 +58,7 @@ class Estimate:
     out_of_distribution_score: float
     scenes: tuple[str, ...]
     model_version: str
+    reasons: tuple[str, ...] = ()
 
 
 class _Extracted(NamedTuple):
@@ -119,14 +121,16 @@ class Estimator:
         scaling = self.model.scaling
         beyond = abs(float(scaling.encode_density(np.array(density)))) / scaling.density_limit
         score = max([beyond, *(float(np.median([e.score for e in shown])) for shown in extracted.values())])
+        reasons = tuple(dict.fromkeys(text for shown in pictures.values() for one in shown for text in one.otherwise))
         values, lower, upper = (_within_limits(np.exp(logs)) for logs in (centre, low, high))
         return Estimate(
             parameters=dict(zip(ESTIMATED_NAMES, values, strict=True)),
             intervals_90=dict(zip(ESTIMATED_NAMES, zip(lower, upper, strict=True), strict=True)),
-            out_of_distribution=score > 1.0,
+            out_of_distribution=score > 1.0 or bool(reasons),
             out_of_distribution_score=score,
             scenes=tuple(scene.value for scene in SCENES if scene in extracted),
             model_version=self.version,
+            reasons=reasons,
         )
 
     def _extract(self, scene: Scene, inputs: Sequence[NetworkInput]) -> list[_Extracted]:

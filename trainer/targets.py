@@ -6,7 +6,7 @@ the paper's minimum and maximum (``docs/decisions/003-log-targets.md``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,11 @@ class TargetScaling:
             density_spread,
             float(max(np.abs(density - density.mean()).max() / density_spread, 1.0)),
         )
+
+    def knowing(self, parameters: ArrayLike) -> TargetScaling:
+        """The same for a network that learns from further materials, [materials, 7]: their densities are known."""
+        further = float(np.abs(self.encode_density(np.asarray(parameters, dtype=np.float64)[:, 6])).max())
+        return replace(self, density_limit=max(self.density_limit, further))
 
     def encode(self, parameters: ArrayLike) -> FloatArray:
         """Standardised targets, float64, shape [n, 6], of parameters [n, 7]."""

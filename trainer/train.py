@@ -126,7 +126,7 @@ def learn(
         network, base = build_network(config)
         record["base_weights"] = asdict(base) if base else None
     else:
-        scaling, network = start.scaling, deepcopy(start.network)
+        scaling, network = start.scaling.knowing(training.material_parameters()), deepcopy(start.network)
         record["base_weights"] = start.provenance.get("base_weights")
         earlier = {name: value for name, value in start.provenance.items() if name != "learnt"}
         record["start"] = {"model_version": start.version, "provenance": earlier}

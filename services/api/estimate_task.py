@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Mapping
 from functools import lru_cache
@@ -50,11 +51,13 @@ def estimate_pictures(
             # The caller knows names of fields, not of our folders.
             raise InputError(str(error).replace(f"{folder}/", ""), code=error.code) from None
     found = estimator.estimate(inputs, density)
+    score = found.out_of_distribution_score
     return {
         "parameters": found.parameters,
         "intervals_90": {name: list(ends) for name, ends in found.intervals_90.items()},
         "out_of_distribution": found.out_of_distribution,
-        "out_of_distribution_score": found.out_of_distribution_score,
+        "out_of_distribution_score": score if math.isfinite(score) else None,
+        "out_of_distribution_reasons": list(found.reasons),
         "scenes": list(found.scenes),
         "model_version": found.model_version,
     }

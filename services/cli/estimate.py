@@ -116,6 +116,7 @@ def as_document(fabric_id: str, density: float, found: Estimate) -> dict[str, An
         "intervals_90": found.intervals_90,
         "out_of_distribution": found.out_of_distribution,
         "out_of_distribution_score": round(found.out_of_distribution_score, 4),
+        "out_of_distribution_reasons": list(found.reasons),
         "scenes": list(found.scenes),
     }
 
@@ -126,8 +127,13 @@ def print_fabric(fabric_id: str, density: float, found: Estimate) -> None:
     for name in ESTIMATED_NAMES:
         low, high = found.intervals_90[name]
         console.say(f"  {name:13s} {found.parameters[name]:9.3g} {UNITS[name]:4s} 90 %: {low:.3g} to {high:.3g}")
-    if found.out_of_distribution:
+    if found.reasons:
+        console.say(
+            f"  out of distribution: {' and '.join(found.reasons)}, which the network knows nothing of; do not rely on "
+            "the estimate"
+        )
+    if found.out_of_distribution_score > 1.0:
         console.say(
             "  out of distribution: these captures are unlike the training pictures "
-            f"(score {found.out_of_distribution_score:.1f}, border 1); do not rely on the intervals"
+            f"(score {found.out_of_distribution_score:.2f}, border 1); do not rely on the intervals"
         )

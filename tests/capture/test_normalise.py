@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from capture.normalise import (
     bending_scale,
     length_scale,
     normalise_depth,
+    put_up_otherwise,
     stretch_scale,
 )
 from capture.resample import View, resample
@@ -162,3 +164,16 @@ def test_a_surface_in_front_hides_what_is_behind() -> None:
     assert seen[32, 43 + shift] == pytest.approx(0.7)
     assert seen[32, 46 + shift] == pytest.approx(1.0)
     assert (seen[32, 10:60] == 0.0).sum() <= 3  # what the front hid from the source
+
+
+@pytest.mark.parametrize("scene", ["hanging", "stretch"])
+def test_how_a_sample_is_put_up_otherwise_is_told(scene: str) -> None:
+    nominal = Setup.nominal(scene)
+    pulled = nominal.with_pins(top_left=(nominal.pins_m["top_left"][0] + 0.02, 0.0, 0.0))
+    close = nominal.with_pins(top_left=(nominal.pins_m["top_left"][0] + 0.006, 0.0, 0.0))
+    assert put_up_otherwise(nominal) == put_up_otherwise(close) == ()
+    assert put_up_otherwise(replace(nominal, pin_radius_m=0.0)) == ()
+    assert put_up_otherwise(Setup.nominal(scene, sample_size_m=(0.25, 0.25))) == ()
+    assert "20 mm from the nominal ones" in put_up_otherwise(pulled)[0]
+    assert "30 mm round a corner, not 10" in put_up_otherwise(replace(nominal, pin_radius_m=0.03))[0]
+    assert put_up_otherwise(Setup.nominal(scene, sample_size_m=(0.5, 0.4))) == ("the sample is not square",)

@@ -147,3 +147,11 @@ def test_pixels_without_knowledge_are_background(estimator: Estimator, analytic_
     a, b = (estimator.estimate({Scene.STRETCH: i}, 0.2) for i in (good, filled))
     assert a == b
     assert torch.is_grad_enabled()
+
+
+def test_a_set_up_that_no_network_was_shown_is_told(estimator: Estimator, analytic_source: AnalyticSource) -> None:
+    shown = _input(analytic_source, _row(analytic_source, 0))
+    plain = estimator.estimate({SCENES[0]: shown}, 0.2)
+    odd = estimator.estimate({SCENES[0]: replace(shown, otherwise=("pins are elsewhere",))}, 0.2)
+    assert odd.out_of_distribution and odd.reasons == ("pins are elsewhere",)
+    assert odd.parameters == plain.parameters and plain.reasons == ()

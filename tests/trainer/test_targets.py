@@ -33,3 +33,12 @@ def test_similarity() -> None:
     assert shifted[0] / (density * GRAVITY_M_S2 * 0.3) == pytest.approx(groups[0])
     assert shifted[5] / (density * GRAVITY_M_S2 * 0.3**3) == pytest.approx(groups[1])
     assert not similarity_shift(0.5).any()
+
+
+def test_densities_of_further_materials_are_known() -> None:
+    scaling = TargetScaling.fit(PARAMETERS, "log_per_weight")
+    heavy = PARAMETERS * 100.0
+    known = scaling.knowing(heavy)
+    assert known.density_limit == pytest.approx(np.abs(scaling.encode_density(heavy[:, 6])).max())
+    assert known.density_limit > scaling.density_limit
+    assert scaling.knowing(PARAMETERS) == scaling

@@ -40,7 +40,12 @@ class EstimateView(BaseModel):
     intervals_90: dict[str, tuple[float, float]] = Field(description="90 % interval of each parameter.")
     density: float = Field(description="As given [kg/m²].")
     out_of_distribution: bool = Field(description="Unlike what the model was trained on: do not trust the intervals.")
-    out_of_distribution_score: float = Field(description="1 is the border.")
+    out_of_distribution_score: float | None = Field(
+        description="1 is the border; null where the model has learnt nothing of a scene."
+    )
+    out_of_distribution_reasons: list[str] = Field(
+        description="What of the set-up is unlike anything that the model was trained on."
+    )
     scenes: list[str] = Field(description="Scenes the estimate rests on.")
     model_version: str
 
