@@ -56,8 +56,11 @@ def test_it_is_what_a_camera_that_stands_elsewhere_sees(
     moved = scene.with_pose(scene.camera_from_panel @ pose_from_rotation((0.0, 0.0, 0.0), move))
     change = np.nan_to_num(measure(picture_of(drape, moved), reference, with_pixels=False).vector())
     assert np.linalg.norm(change) > 1e-3
-    both = [np.dot(row, change) / (np.linalg.norm(row) * np.linalg.norm(change)) for row in rows[:2]]
-    assert both[axis] > 3 * abs(both[1 - axis])  # rows are the mean of both ways: rims differ
+    # taken together, since moves along x and y look alike by how folds run, which differs from machine to machine
+    shares = np.linalg.lstsq(rows[:2].T, change, rcond=None)[0]
+    assert shares[axis] == pytest.approx(1.0, abs=0.4)  # rows are the mean of both ways: rims differ
+    assert shares[axis] > 3 * abs(shares[1 - axis])
+    assert abs(shares[1 - axis]) < 0.15
 
 
 def test_turns_are_of_half_a_hundredth(state: tuple[Drape, SimulationScene, Reference]) -> None:

@@ -77,9 +77,10 @@ def test_a_simulator_travels_without_its_solvers(tmp_path: Path) -> None:
     assert arrived == simulator
 
 
-def wait_long(item: int) -> int:
+def wait_long(place: str) -> str:
+    Path(place).touch()
     time.sleep(300.0)
-    return item
+    return place
 
 
 HOLDER = """
@@ -89,16 +90,19 @@ from diagnosis.workers import Workers
 from tests.diagnosis.test_workers import wait_long
 if __name__ == "__main__":
     with Workers(2) as workers:
-        workers.map(wait_long, [1, 2])
+        workers.map(wait_long, {places!r})
 """
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_workers_do_not_outlive_who_started_them(tmp_path: Path, how: signal.Signals) -> None:
     script = tmp_path / "holder.py"
-    script.write_text(HOLDER.format(root=str(Path(__file__).parents[2])))
+    at_work = [tmp_path / "one", tmp_path / "two"]
+    script.write_text(HOLDER.format(root=str(Path(__file__).parents[2]), places=[str(place) for place in at_work]))
     holder = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
-    children = wait_for(lambda: own if len(own := spawned_by(holder.pid)) == 2 else None)
+    wait_for(lambda: True if all(place.exists() for place in at_work) else None)
+    children = spawned_by(holder.pid)
+    assert len(children) == 2
     holder.send_signal(how)
     holder.wait(60)
     wait_for(lambda: True if not any(Path(f"/proc/{child}").exists() for child in children) else None)
