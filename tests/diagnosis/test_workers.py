@@ -84,17 +84,18 @@ def wait_long(place: str) -> str:
 
 
 HOLDER = """
-import sys, time
+import signal, sys
 sys.path.insert(0, {root!r})
 from diagnosis.workers import Workers
 from tests.diagnosis.test_workers import wait_long
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as the command does; Ctrl-C is ignored in a background
     with Workers(2) as workers:
         workers.map(wait_long, {places!r})
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_workers_do_not_outlive_who_started_them(tmp_path: Path, how: signal.Signals) -> None:
     script = tmp_path / "holder.py"
     at_work = [tmp_path / "one", tmp_path / "two"]
