@@ -25,7 +25,6 @@ CANONICAL_DISTANCE_M = float(frontal_pose()[2, 3])
 MAX_HOLE_PX = 3
 """Half of the largest hole that is filled in the canonical picture [pixel]."""
 
-
 MOST_PIN_SHIFT, MOST_RADIUS_OFF, LEAST_SQUARE = 0.01, 0.0101, 0.9
 """What of a 0.5 m sample's set-up may be off before an estimate is told to be doubtful [m, m, edge over edge]; magnets
 that hold a point are none."""
@@ -59,8 +58,9 @@ def put_up_otherwise(setup: Setup) -> tuple[str, ...]:
     found = []
     if off > MOST_PIN_SHIFT * scale:
         found.append(f"pins of {setup.scene.value} are {1e3 * off:.0f} mm from the nominal ones")
-    if abs(setup.pin_radius_m - scale * nominal.pin_radius_m) > MOST_RADIUS_OFF * scale:
-        found.append(f"magnets hold {1e3 * setup.pin_radius_m:.0f} mm round a corner, not {10 * scale:.0f}")
+    usual = scale * nominal.pin_radius_m
+    if abs(setup.pin_radius_m - usual) > MOST_RADIUS_OFF * scale:
+        found.append(f"magnets hold {1e3 * setup.pin_radius_m:.0f} mm round a corner, not {1e3 * usual:.0f}")
     if min(setup.sample_size_m) < LEAST_SQUARE * max(setup.sample_size_m):
         found.append("the sample is not square")
     return tuple(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -102,10 +103,14 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
 
 def _turned(upright: Registration, others: list[Registration]) -> Registration:
     """The registration of a camera on its side or upside down, where that alone fits the pins."""
-    best = min(others, key=lambda r: r.pin_error_m or 0.0)
-    if (best.pin_error_m or 0.0) > TURNED_SHARE * (upright.pin_error_m or 0.0):
+    best = min(others, key=_pin_error)
+    if _pin_error(best) > TURNED_SHARE * _pin_error(upright):
         return upright
     return replace(best, assumed=(*best.assumed, "the camera is on its side or upside down: so its picture fits"))
+
+
+def _pin_error(found: Registration) -> float:
+    return math.inf if found.pin_error_m is None else found.pin_error_m
 
 
 def _register(
