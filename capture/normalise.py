@@ -133,7 +133,7 @@ def normalise_depth(
             code="nothing_in_view",
         )
     height = np.where(known, np.float32(CANONICAL_DISTANCE_M) - seen, np.float32(0.0))
-    height, known = _fill(height, known)
+    height, known = fill_holes(height, known)
     return NetworkInput(height, known, setup.scene, scale, put_up_otherwise(setup))
 
 
@@ -152,8 +152,16 @@ def _canonical_depth(
     return resample(filled, view, step_share(camera))
 
 
-def _fill(height: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Holes of up to twice :data:`MAX_HOLE_PX` filled by the mean of what surrounds them."""
+def fill_holes(height: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Holes of up to twice :data:`MAX_HOLE_PX` filled by the mean of what surrounds them.
+
+    Args:
+        height: a canonical picture in any unit, float32 [256, 256].
+        known: where it says something, bool, same shape.
+
+    Returns:
+        The filled picture, and where it says something now.
+    """
     if known.all():
         return height, known
     disk = ndimage.iterate_structure(ndimage.generate_binary_structure(2, 1), MAX_HOLE_PX)

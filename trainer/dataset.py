@@ -1,7 +1,8 @@
 """Streams of training pictures out of shards, by material, rank and worker.
 
 A *pair* is one picture of each scene of one material (either may be missing). Shards are shuffled, then pairs within a
-few shards; whole shards belong to one rank and one worker, which opens the store itself.
+few shards; whole shards belong to one rank and one worker, which opens the store itself. A material whose pictures lie
+in several shards belongs to the first of them, so that its scenes are paired wherever they lie.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class PictureTable:
     Attributes:
         row: row in the store, int64.
         shard: shard that holds it, int64.
-        material: int64.
+        material: int64; fabrics of the same seven parameters are one material.
         scene: index into :data:`SCENES`, int64.
         parameters: the seven, SI, float64, shape [n, 7].
         inclination_deg: float64.
@@ -154,6 +155,7 @@ class PairStream(IterableDataset[Pair]):
         self.source, self.table, self.size, self.seed = source, table, size, seed
         self.partition, self.passes, self.shuffled = partition, passes, shuffled
         self.buffer_shards, self.cache_bytes = buffer_shards, cache_bytes
+        self._home = home_shards(table)
         self._cache: dict[int, Tensor] = {}
         self._cached_bytes = 0
 
@@ -172,11 +174,10 @@ class PairStream(IterableDataset[Pair]):
         workers, worker = (info.num_workers, info.id) if info else (1, 0)
         lane, lanes = self.partition.rank * workers + worker, self.partition.world_size * workers
         check_lanes(self.table, lanes)
-        shards = np.unique(self.table.shard)
-        return shards[lane::lanes], lane
+        return np.unique(self._home)[lane::lanes], lane
 
     def _pairs(self, shards: NDArray[np.int64], generator: np.random.Generator) -> Iterator[Pair]:
-        chosen = np.flatnonzero(np.isin(self.table.shard, shards))
+        chosen = np.flatnonzero(np.isin(self._home, shards))
         pictures = dict(zip(chosen.tolist(), self._read(chosen), strict=True))
         pairs = pair_up(self.table.take(chosen), generator if self.shuffled else None)
         for pair in generator.permutation(len(pairs)) if self.shuffled else range(len(pairs)):
@@ -217,13 +218,21 @@ def check_lanes(table: PictureTable, lanes: int) -> None:
     Raises:
         InputError: code ``too_few_shards``.
     """
-    shards = len(np.unique(table.shard))
+    shards = len(np.unique(home_shards(table)))
     if shards < lanes:
         raise InputError(
             f"{lanes} loaders but only {shards} shards of training pictures to share: use fewer ranks or workers, or a "
             "store with smaller shards",
             code="too_few_shards",
         )
+
+
+def home_shards(table: PictureTable) -> NDArray[np.int64]:
+    """The shard that each picture is learnt from with, int64 [n]: the first that holds a picture of its material."""
+    materials, inverse = np.unique(table.material, return_inverse=True)
+    first = np.full(len(materials), np.iinfo(np.int64).max)
+    np.minimum.at(first, inverse, table.shard)
+    return np.asarray(first[inverse])
 
 
 def pair_up(table: PictureTable, generator: np.random.Generator | None) -> NDArray[np.int64]:

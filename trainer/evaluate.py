@@ -19,6 +19,9 @@ from trainer.split import MaterialSplit
 from trainer.targets import TargetScaling
 
 FloatArray = NDArray[np.float64]
+LEAST_RANKED = 3
+"""Different fabrics whose order tells anything."""
+
 MEAN, DENSITY = "mean", "density"
 """Names of the two predictors without pictures: the training mean, and a regression on the density alone."""
 
@@ -30,7 +33,8 @@ class Score:
     Attributes:
         mae_log: mean absolute error of the natural logarithm; exp of it is a typical factor.
         mae_range: mean absolute error over the range of the training materials, as in the paper's tables.
-        spearman: rank correlation with the truth; 0 for a constant prediction.
+        spearman: rank correlation with the truth; 0 for a constant prediction, NaN where fewer than
+            :data:`LEAST_RANKED` fabrics were tested.
         coverage: share of truths inside the 90 % interval; NaN without intervals.
         interval_factor: typical upper over lower end of the interval; NaN without intervals.
     """
@@ -40,6 +44,10 @@ class Score:
     spearman: float
     coverage: float = math.nan
     interval_factor: float = math.nan
+
+    def to_json(self) -> dict[str, float | None]:
+        """As plain JSON values; NaN is null."""
+        return {name: None if math.isnan(value) else value for name, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
@@ -63,11 +71,11 @@ class Metrics:
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values; NaN is null."""
-        plain = asdict(self)
-        for scores in plain["scores"].values():
-            for score in scores.values():
-                score.update({k: None for k, v in score.items() if math.isnan(v)})
-        return plain
+        scores = {
+            predictor: {name: score.to_json() for name, score in rows.items()}
+            for predictor, rows in self.scores.items()
+        }
+        return {"scores": scores, "materials": dict(self.materials), "pictures": self.pictures}
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Metrics:
@@ -88,7 +96,7 @@ class Metrics:
         lines.append("|---" * (1 + 2 * len(predictors)) + "|")
         for name in ESTIMATED_NAMES:
             cells = [
-                f"{math.exp(self.scores[p][name].mae_log):.2f} | {self.scores[p][name].spearman:.2f}"
+                f"{math.exp(self.scores[p][name].mae_log):.2f} | {figure(self.scores[p][name].spearman)}"
                 for p in predictors
             ]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
@@ -141,11 +149,18 @@ def _scores(
     return result
 
 
-def rank_correlation(a: FloatArray, b: FloatArray) -> float:
-    """Spearman's; 0 when one of them is constant."""
-    if np.ptp(a) < 1e-12 or np.ptp(b) < 1e-12:
+def rank_correlation(predicted: FloatArray, truth: FloatArray) -> float:
+    """Spearman's of predictions and truth; 0 for constant predictions, NaN for too few truths to be in an order."""
+    if len(np.unique(truth)) < LEAST_RANKED:
+        return math.nan
+    if np.ptp(predicted) < 1e-12:
         return 0.0
-    return float(spearmanr(a, b).statistic)
+    return float(spearmanr(predicted, truth).statistic)
+
+
+def figure(value: float, digits: int = 2) -> str:
+    """For tables; a dash for what is not known."""
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _constant(training: FloatArray, count: int) -> FloatArray:

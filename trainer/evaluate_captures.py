@@ -23,7 +23,7 @@ from capture.prepare import prepare_all
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES
 from simcore.scenes import Scene
-from trainer.evaluate import Score, rank_correlation
+from trainer.evaluate import Score, figure, rank_correlation
 from trainer.predict import Estimate, Estimator
 from trainer.program import told_in_one_line
 
@@ -109,7 +109,7 @@ def markdown(scores: dict[str, dict[str, Score]]) -> str:
     lines.append("|---" * (1 + 3 * len(scores)) + "|")
     for name in ESTIMATED_NAMES:
         cells = [
-            f"{math.exp(s[name].mae_log):.2f} | {s[name].spearman:.2f} | {s[name].coverage:.2f}"
+            f"{math.exp(s[name].mae_log):.2f} | {figure(s[name].spearman)} | {s[name].coverage:.2f}"
             for s in scores.values()
         ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
@@ -129,7 +129,7 @@ def main() -> None:
         scores = evaluate_captures(Estimator.load(options.model), known_fabrics(options.captures))
     sys.stdout.write(markdown(scores) + "\n")
     if options.out is not None:
-        plain: dict[str, Any] = {key: {name: vars(s) for name, s in rows.items()} for key, rows in scores.items()}
+        plain: dict[str, Any] = {key: {name: s.to_json() for name, s in rows.items()} for key, rows in scores.items()}
         options.out.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
 
 

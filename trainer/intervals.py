@@ -8,6 +8,7 @@ locally weighted residuals).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,10 @@ class IntervalTable:
     def half_widths(self, scenes: tuple[str, ...], spread: FloatArray) -> FloatArray:
         """Half-widths of the standardised targets, same shape as ``spread`` [n, 6]."""
         return np.asarray(spread * np.asarray(self.factors[scene_key(scenes)]))
+
+    def promises(self, scenes: Iterable[str]) -> bool:
+        """Whether the intervals of this set of scenes were calibrated on enough materials to hold what they promise."""
+        return all(map(math.isfinite, self.factors[scene_key(tuple(scenes))]))
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values; an infinite factor is null."""

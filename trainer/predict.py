@@ -45,6 +45,8 @@ class Estimate:
     Attributes:
         parameters: the six of ``ESTIMATED_NAMES``, SI.
         intervals_90: lower and upper end, SI; cover the truth for 90 % of synthetic fabrics held out of training.
+        intervals_calibrated: False where too few fabrics were held out for that: intervals are then as wide as what the
+            network was trained on.
         out_of_distribution: the captures are unlike what the network was trained on; do not trust the intervals.
         reasons: in words, what of the set-up makes them so, whatever the pictures look like.
         out_of_distribution_score: largest distance from the training pictures over its border; 1 is the border.
@@ -59,6 +61,7 @@ class Estimate:
     scenes: tuple[str, ...]
     model_version: str
     reasons: tuple[str, ...] = ()
+    intervals_calibrated: bool = True
 
 
 class _Extracted(NamedTuple):
@@ -131,6 +134,7 @@ class Estimator:
             scenes=tuple(scene.value for scene in SCENES if scene in extracted),
             model_version=self.version,
             reasons=reasons,
+            intervals_calibrated=self.model.intervals.promises(scene.value for scene in extracted),
         )
 
     def _extract(self, scene: Scene, inputs: Sequence[NetworkInput]) -> list[_Extracted]:

@@ -63,7 +63,7 @@ def split_materials(
     shuffled = generator.permutation(unique)
     # A small store gives a fifth of its materials rather than intervals that promise nothing.
     calibration = max(1, round(calibration_share * len(unique)), min(CALIBRATION_MATERIALS, len(unique) // 5))
-    test = max(1, len(unique) - calibration - round(train_share * len(unique)))
+    test = max(1, round((1.0 - train_share - calibration_share) * len(unique)))
     held_out = calibration + test
     return MaterialSplit(
         np.sort(shuffled[held_out:]), np.sort(shuffled[:calibration]), np.sort(shuffled[calibration:held_out])

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from capture.normalise import fill_holes
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import panel_depth
 from renderer.pose import inclination_pose
@@ -63,18 +64,19 @@ class StoreSource:
                 code="store_empty",
             )
         names = {scene.value: index for index, scene in enumerate(SCENES)}
+        parameters = store.parameters[usable].astype(np.float64)
         return PictureTable(
             row=usable,
             shard=shard[usable],
-            material=store.materials[usable].astype(np.int64),
+            material=_one_number_a_fabric(store.materials[usable].astype(np.int64), parameters),
             scene=np.array([names[str(name)] for name in store.scene[usable]], dtype=np.int64),
-            parameters=store.parameters[usable].astype(np.float64),
+            parameters=parameters,
             inclination_deg=store.inclination_deg[usable].astype(np.float64),
             jitter=store.jitter[usable].astype(np.int64),
         )
 
     def read(self, rows: NDArray[np.int64]) -> Tensor:
-        """Heights over the panel, int16 in 0.1 mm, shape [rows, 256, 256]; rows of one shard."""
+        """Heights over the panel, int16 in 0.1 mm, shape [rows, 256, 256]; rows of one shard; small holes closed."""
         store = self.store
         span = store.rows(int(rows[0]) // store.layout.rows_per_shard)
         if len(rows) < _SPARSE * len(span):
@@ -92,7 +94,17 @@ class StoreSource:
         for tilt in np.unique(tilts):
             here = tilts == tilt
             heights[here] = _heights(counts[here], float(tilt), self.inclinations == "as_seen")
+        for picture in np.flatnonzero((counts == 0).any(axis=(1, 2))):  # a sensor's holes, closed as a capture's are
+            heights[picture] = np.rint(fill_holes(heights[picture].astype(np.float32), counts[picture] > 0)[0])
         return torch.from_numpy(heights)
+
+
+def _one_number_a_fabric(material: NDArray[np.int64], parameters: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Material numbers, one where a sweep lists a fabric twice or merged stores share it: the first with its seven
+    parameters. Else it could be learnt from under one number and tested on under the other.
+    """
+    _, first, fabric = np.unique(parameters, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(material[first][fabric.reshape(-1)])
 
 
 def _heights(counts: NDArray[Any], inclination_deg: float, as_seen: bool) -> NDArray[np.int16]:

@@ -24,17 +24,19 @@ class TensorBoardLog:
         make_writer: Any = tensorboard.SummaryWriter  # torch does not annotate it
         self._writer = make_writer(str(folder))
         self._then = then
+        self._step = 0
 
     def report(self, progress: Progress) -> None:
         """One step."""
+        self._step = progress.step
         self._writer.add_scalar("train/squared_error", progress.loss, progress.step)
         if self._then is not None:
             self._then(progress)
 
-    def finish(self, metrics: Metrics, step: int) -> None:
-        """The scores on the test materials; the last word."""
+    def finish(self, metrics: Metrics) -> None:
+        """The scores on the test materials, at the last step; the last word."""
         for predictor, rows in metrics.scores.items():
             for name, score in rows.items():
-                self._writer.add_scalar(f"mae_log/{name}/{predictor}", score.mae_log, step)
-                self._writer.add_scalar(f"spearman/{name}/{predictor}", score.spearman, step)
+                self._writer.add_scalar(f"mae_log/{name}/{predictor}", score.mae_log, self._step)
+                self._writer.add_scalar(f"spearman/{name}/{predictor}", score.spearman, self._step)
         self._writer.close()

@@ -55,6 +55,7 @@ def estimate_pictures(
     return {
         "parameters": found.parameters,
         "intervals_90": {name: list(ends) for name, ends in found.intervals_90.items()},
+        "intervals_calibrated": found.intervals_calibrated,
         "out_of_distribution": found.out_of_distribution,
         "out_of_distribution_score": score if math.isfinite(score) else None,
         "out_of_distribution_reasons": list(found.reasons),

@@ -114,6 +114,7 @@ def as_document(fabric_id: str, density: float, found: Estimate) -> dict[str, An
         "density": density,
         "parameters": found.parameters,
         "intervals_90": found.intervals_90,
+        "intervals_calibrated": found.intervals_calibrated,
         "out_of_distribution": found.out_of_distribution,
         "out_of_distribution_score": round(found.out_of_distribution_score, 4),
         "out_of_distribution_reasons": list(found.reasons),
@@ -127,6 +128,8 @@ def print_fabric(fabric_id: str, density: float, found: Estimate) -> None:
     for name in ESTIMATED_NAMES:
         low, high = found.intervals_90[name]
         console.say(f"  {name:13s} {found.parameters[name]:9.3g} {UNITS[name]:4s} 90 %: {low:.3g} to {high:.3g}")
+    if not found.intervals_calibrated:
+        console.say("  the intervals promise nothing: the model was calibrated on too few fabrics")
     if found.reasons:
         console.say(
             f"  out of distribution: {' and '.join(found.reasons)}, which the network knows nothing of; do not rely on "

@@ -135,7 +135,7 @@ def run(
         source = StoreSource(store, config.inclinations)
         model = train_here(source, config, start=start, provenance=source.provenance(), report=report_step)
     if log is not None:
-        log.finish(model.metrics, config.epochs)
+        log.finish(model.metrics)
     return model
 
 
@@ -152,14 +152,22 @@ def report(model: TrainedModel, out: Path, version: str, seconds: float, json_ou
             }
         )
         return
+    from trainer.evaluate import figure
+    from trainer.split import CALIBRATION_MATERIALS
+
     counts = model.metrics.materials
     console.say(
         f"{out}: model {version}, {seconds:.0f} s; fabrics learnt from {counts['train']}, calibrated on "
         f"{counts['calibration']}, tested on {counts['test']}"
     )
+    if counts["calibration"] < CALIBRATION_MATERIALS:
+        console.say(
+            f"  its intervals promise nothing: that takes {CALIBRATION_MATERIALS} fabrics to calibrate on, a store of "
+            f"{5 * CALIBRATION_MATERIALS} or more"
+        )
     for predictor in model.metrics.scores:
         factor = math.exp(model.metrics.average(predictor, "mae_log"))
-        correlation = model.metrics.average(predictor, "spearman")
+        correlation = figure(model.metrics.average(predictor, "spearman"))
         coverage = model.metrics.average(predictor, "coverage")
         covered = "" if math.isnan(coverage) else f", 90 % intervals cover {100 * coverage:.0f} %"
-        console.say(f"  {predictor:16s} off by a factor {factor:.2f}, rank correlation {correlation:.2f}{covered}")
+        console.say(f"  {predictor:16s} off by a factor {factor:.2f}, rank correlation {correlation}{covered}")

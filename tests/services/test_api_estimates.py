@@ -68,6 +68,7 @@ def test_one_or_both_scenes_give_six_parameters_with_units(client: httpx.Client,
     assert body["units"]["bending_warp"] == "N·m"
     assert body["scenes"] == list(scenes)
     assert isinstance(body["out_of_distribution"], bool)
+    assert body["intervals_calibrated"] is False  # the test's model was calibrated on few fabrics
     assert len(body["model_version"]) > 6
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
@@ -46,6 +47,21 @@ def test_ranks_share_the_shards_without_overlap() -> None:
     assert sum(map(len, parts)) == 12
 
 
+@pytest.mark.parametrize("lanes", [1, 2, 3])
+def test_scenes_in_different_shards_are_paired(lanes: int) -> None:
+    table = SOURCE.table()
+    scenes_apart = replace(table, shard=table.scene * 6 + table.material // 2)
+    across_borders = replace(table, shard=table.row // 7)  # four pictures a material
+    for split in (scenes_apart, across_borders):
+        parts = [
+            PairStream(SOURCE, split, size=32, passes=1, partition=Partition(lane, lanes), buffer_shards=1)
+            for lane in range(lanes)
+        ]
+        pairs = [pair for part in parts for pair in part]
+        assert Counter(int(pair[3]) for pair in pairs) == dict.fromkeys(range(12), 2)
+        assert all(pair[1].all() for pair in pairs)
+
+
 def test_more_loaders_than_shards_is_refused() -> None:
     with pytest.raises(InputError, match="7 loaders but only 6 shards") as caught:
         next(iter(_stream(partition=Partition(0, 7))))
@@ -87,6 +103,8 @@ def test_split_is_by_material_reproducible_and_covers() -> None:
     split = split_materials(materials, seed=5, train_share=0.8, calibration_share=0.1)
     assert [len(split.train), len(split.calibration), len(split.test)] == [80, 10, 10]
     assert sorted(np.concatenate([split.train, split.calibration, split.test])) == list(range(100))
+    small = split_materials(np.arange(40), seed=5, train_share=0.8, calibration_share=0.1)
+    assert [len(small.train), len(small.calibration), len(small.test)] == [28, 8, 4]  # the tested share is as asked
     again = split_materials(materials[::-1], seed=5, train_share=0.8, calibration_share=0.1)
     assert np.array_equal(split.test, again.test)
     with pytest.raises(InputError, match="larger store"):

@@ -47,7 +47,7 @@ def test_any_subset_of_scenes(estimator: Estimator, analytic_source: AnalyticSou
     for name in ESTIMATED_NAMES:
         low, high = found.intervals_90[name]
         assert 0 < low < found.parameters[name] < high < math.inf
-    assert not found.out_of_distribution
+    assert not found.out_of_distribution and found.intervals_calibrated
     assert found.model_version == estimator.version
 
 
@@ -112,6 +112,7 @@ def test_without_calibration_the_interval_is_the_training_range(
     low, high = found.intervals_90["bending_warp"]
     expected = 4 * tiny_model.scaling.spread[3]
     assert math.log(high / low) >= expected - 1e-9
+    assert not found.intervals_calibrated
 
 
 def test_bad_input(estimator: Estimator, analytic_source: AnalyticSource) -> None:

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from trainer.ablation import input_influence, ladder, table
+from trainer.ablation import as_long, input_influence, ladder, table
 from trainer.config import NetworkConfig
 from trainer.model import TrainedModel
 from trainer.network import DrapeNetwork
@@ -72,6 +73,15 @@ def test_the_ladder_climbs_from_the_papers_baseline_to_its_model() -> None:
     assert "+ pre-training" not in ladder(PRESETS["quick"], pretrained=False)
     assert len({config.seed for config in steps.values()}) == 1
     assert not input_influence(PRESETS["quick"])["depth"].network.use_density
+
+
+def test_upright_pictures_alone_are_learnt_from_for_as_many_steps(analytic_source: AnalyticSource) -> None:
+    pictures = analytic_source.table()
+    tilted = replace(pictures, inclination_deg=np.where(pictures.jitter == 0, 0.0, 5.0))  # half are upright
+    base = replace(PRESETS["quick"], epochs=3, pictures_per_epoch=0)
+    upright = replace(base, inclinations="upright")
+    assert as_long(base, tilted) == base
+    assert as_long(upright, tilted).epochs == 6
 
 
 def test_the_table_has_a_row_a_configuration(tiny_model: TrainedModel) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from capture.normalise import normalise_depth
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import panel_depth
 from renderer.depth_png import quantise_depth
@@ -16,6 +18,7 @@ from renderer.pose import inclination_pose
 from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
 from renderer.store_format import DEPTH_UNIT_M
 from simcore.errors import InputError
+from simcore.scenes import Scene, Setup
 from tests.services.s3_server import BUCKET, s3_server
 from trainer.dataset import PairStream, batches
 from trainer.store_source import StoreSource
@@ -98,6 +101,30 @@ def test_as_seen_keeps_the_slope_on_the_cloth_only(store: Path) -> None:
 def test_single_rows_equal_whole_shards(store: Path) -> None:
     source = StoreSource(store)
     assert torch.equal(source.read(np.array([8])), source.read(np.arange(6, 12))[2:3])
+
+
+def test_a_fabric_listed_twice_is_one_material(tmp_path: Path) -> None:
+    writer = StoreWriter.create(tmp_path / "s.zarr", LAYOUT, configuration={}, seed=4, software_version="test")
+    for shard in range(2):
+        rows = _rows(shard)
+        writer.write_shard(shard, replace(rows, parameters=np.broadcast_to(rows.parameters[:1], (6, 7)) / (1 + shard)))
+    alike = StoreSource(tmp_path / "s.zarr").table()
+    assert set(alike.material) == {0} and len(alike) == 12 and len(alike.material_parameters()) == 1
+
+
+def test_holes_of_a_sensor_are_closed_as_those_of_a_capture(tmp_path: Path) -> None:
+    writer = StoreWriter.create(tmp_path / "s.zarr", LAYOUT, configuration={}, seed=4, software_version="test")
+    rows = _rows(0)
+    holed = rows.depth.copy()
+    holed[:, 100:104, 100:104] = 0  # within the cloth
+    holed[:, 120:160, 120:160] = 0  # too large
+    writer.write_shard(0, replace(rows, depth=holed))
+    heights = StoreSource(tmp_path / "s.zarr").read(np.arange(6))
+    assert (heights[:, 100:104, 100:104] - 100).abs().max() <= 1
+    assert not heights[:, 130:150, 130:150].any()
+    depth = np.where(holed[1] > 0, holed[1] * np.float32(1e-4), np.float32(0.0))  # the upright one
+    seen = normalise_depth(depth, CANONICAL_CAMERA, frontal_pose(), Setup.nominal(Scene.HANGING))
+    assert np.abs(heights[1].numpy() * 1e-4 - np.where(seen.mask, seen.height, 0.0)).max() < 1.1e-4
 
 
 def test_what_the_store_says_of_itself_is_kept(store: Path) -> None:

@@ -151,11 +151,15 @@ def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path)
 
     seen: list[Progress] = []
     log = TensorBoardLog(tmp_path / "events", seen.append)
-    log.report(Progress(1, 2, 0.5))
-    log.finish(tiny_model.metrics, 1)
-    assert seen == [Progress(1, 2, 0.5)]
+    log.report(Progress(40, 40, 0.5))
+    log.finish(tiny_model.metrics)
+    assert seen == [Progress(40, 40, 0.5)]
     (events,) = (tmp_path / "events").iterdir()
     assert b"train/squared_error" in events.read_bytes() and b"spearman/bending_bias/hanging" in events.read_bytes()
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    read = EventAccumulator(str(tmp_path / "events")).Reload()
+    assert {event.step for tag in read.Tags()["scalars"] for event in read.Scalars(tag)} == {40}  # scores at the last
 
 
 def test_a_model_travels_to_a_process_without_torchvision(tiny_model: TrainedModel) -> None:

@@ -38,6 +38,9 @@ class EstimateView(BaseModel):
     parameters: dict[str, float] = Field(description="The six stiffnesses, SI.")
     units: dict[str, str] = Field(description="Unit of each parameter.")
     intervals_90: dict[str, tuple[float, float]] = Field(description="90 % interval of each parameter.")
+    intervals_calibrated: bool = Field(
+        description="False: the model was calibrated on too few fabrics for its intervals to promise anything."
+    )
     density: float = Field(description="As given [kg/m²].")
     out_of_distribution: bool = Field(description="Unlike what the model was trained on: do not trust the intervals.")
     out_of_distribution_score: float | None = Field(
