@@ -152,15 +152,19 @@ class _Scene:
         return [*named, *self.leads]
 
     def _row(self, by: Literal["region", "kind"], region: Region, kind: Kind, unit: str, part: _Part) -> RegionGap:
-        """The stage is that of the candidate that takes most of the part's squared difference away."""
+        """The stage is that of the candidate that takes most of the part's squared difference away; named is it only
+        where there is more to explain than chance makes.
+        """
         stage, effect, explained = STAGE_OF_NUMBERS.get(kind, probable_stage(self.cause)), None, 0.0
+        gap, floor = np.sqrt(part.square)
         left = np.sum((part.measured - part.responses) ** 2, axis=1)
         taken = 1.0 - left / max(float(part.measured @ part.measured), 1e-12)
         best = int(np.argmax(taken))
         if taken[best] > LEAST_EXPLAINED:
             lead = self._candidates()[best]
-            stage, effect, explained = lead.stage, lead.effect, float(taken[best])
-        gap, floor = np.sqrt(part.square)
+            stage = lead.stage
+            if gap > floor:
+                effect, explained = lead.effect, float(taken[best])
         return RegionGap(
             scene=self.name,
             region=region,

@@ -190,7 +190,9 @@ def _common_key(state: KeyedDrape, scene: SimulationScene) -> str:
 
 def _effect_key(effect: Effect, state: KeyedDrape, scene: SimulationScene) -> str:
     changed = [effect.apply(scene, size) for size in nodes(effect)]
-    measured = {"pixels": PIXELS_VERSION} if effect.stage is Stage.SENSOR else {}
+    measured: dict[str, object] = {"pixels": PIXELS_VERSION} if effect.stage is Stage.SENSOR else {}
+    if effect.white:
+        measured["white"] = True
     cells: dict[str, object] = {}
     if effect.fine or effect.stage is Stage.CAMERA:
         cells["fine"] = True

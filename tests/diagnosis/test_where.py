@@ -63,6 +63,8 @@ def test_errors_alone_show_nowhere(seed: int) -> None:
     _, rows = found_in(seed=seed)
     assert min(row.p_adjusted for row in rows) > 0.05
     assert min(row.noise_floor for row in rows if row.by == "stage") >= 1.0
+    below = [row for row in rows if row.by != "stage" and row.gap <= row.noise_floor]
+    assert below and all(row.effect is None and row.explained == 0.0 for row in below)  # nothing to explain
 
 
 @pytest.mark.parametrize("withheld", [False, True])
