@@ -153,13 +153,14 @@ def simulate(
     study: str = STUDY,
     observers: int = typer.Option(20, min=1, max=1000, help="Simulated observers."),
     noise: float = typer.Option(0.3, min=0.0, help="Of log distances as they see them; a large one is a coin."),
-    seed: int = typer.Option(0, min=0, help="Of their embedding and their choices."),
+    seed: int = typer.Option(0, min=0, help="Of their choices; the plane is the study's."),
     database: str | None = DATABASE,
     json_output: bool = JSON,
 ) -> None:
     """Let simulated observers answer, to check the pipeline. They are labelled and never counted as people.
 
     They judge by distances in a random plane, not by the pictures; `analyse --simulated` must find that plane again.
+    Those of another call judge by the same plane.
 
     \b
     Example:
@@ -171,11 +172,11 @@ def simulate(
     from metric.triplets import Triplet
 
     with open_study(database, study) as store:
-        points = np.random.default_rng((seed, 0)).normal(0, 1, (len(store.fabrics), 2))
+        points = np.random.default_rng((store.study.seed, 2)).normal(0, 1, (len(store.fabrics), 2))
         distances = np.linalg.norm(points[:, None] - points[None, :], axis=2)
-        rng = np.random.default_rng((seed, 1))
         for _ in range(observers):
             participant = store.add_participant(simulated=True)
+            rng = np.random.default_rng((seed, 1, participant.place))
             for position, row in enumerate(participant.questions):
                 chosen = simulate_answer(Triplet(*row[:3]), distances, rng, noise=noise)
                 store.answer(participant, position, chosen, 0)

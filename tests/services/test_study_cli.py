@@ -57,7 +57,11 @@ def test_a_study_with_photographs_and_simulated_observers(folder: Path, capsys: 
     assert run(["study", "analyse", study]) == 2
     assert "no answers of people" in capsys.readouterr().err
 
-    truth = document(capsys, "study", "simulate", study, "--observers", "20", "--noise", "0.1", "--seed", "3")["points"]
+    few, truth = (
+        document(capsys, "study", "simulate", study, "--observers", n, "--noise", "0.1", "--seed", s)["points"]
+        for n, s in (("5", "0"), ("15", "3"))
+    )
+    assert few == truth  # all observers of a study judge by one plane
     listed = document(capsys, "study", "list")["studies"]
     assert [(s["id"], s["participants"], s["simulated_observers"]) for s in listed] == [(study, 0, 20)]
 
