@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -14,6 +15,8 @@ from pathlib import Path
 from typing import Any, TextIO
 
 _document_stream: TextIO | None = None
+_STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+"""Control characters but tabulator and line feed, and those that turn the direction of writing."""
 
 
 class ProgressBar:
@@ -70,14 +73,20 @@ def progress(description: str, total: float | None = None) -> Iterator[ProgressB
 
 def say(message: str = "") -> None:
     """One line of the command's result for people, on standard output."""
-    sys.stdout.write(message.encode(errors="backslashreplace").decode() + "\n")  # a file's name may be no text
+    sys.stdout.write(_shown(message) + "\n")
     sys.stdout.flush()
 
 
 def note(message: str) -> None:
     """One line about the way there, on standard error."""
-    sys.stderr.write(message + "\n")
+    sys.stderr.write(_shown(message) + "\n")
     sys.stderr.flush()
+
+
+def _shown(message: str) -> str:
+    """With escapes for what is no text (a file's name may be none) and for what would steer a terminal."""
+    text = message.encode(errors="backslashreplace").decode()
+    return _STEERING.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def error_line(message: str, code: str) -> None:

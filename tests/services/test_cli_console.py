@@ -56,3 +56,11 @@ def test_progress_prints_nothing_where_nobody_watches(capsys: pytest.CaptureFixt
 def test_an_error_is_one_line_whatever_its_message(capsys: pytest.CaptureFixture[str]) -> None:
     console.error_line("first\n  second", "some_code")
     assert capsys.readouterr().err == "error: first second [some_code]\n"
+
+
+def test_names_cannot_steer_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    console.say("cotton\x1b[2J\u202egnp: 0.2 kg/m²\n\tas it is")
+    console.note("a\rb\x9b")
+    said = capsys.readouterr()
+    assert said.out == "cotton\\x1b[2J\\u202egnp: 0.2 kg/m²\n\tas it is\n"
+    assert said.err == "a\\rb\\x9b\n"
