@@ -24,7 +24,8 @@ FROM ${PYTHON_IMAGE}
 COPY scripts/system-packages.sh /usr/local/sbin/system-packages
 # rsync: Ray's cluster launcher copies its files with it; wget: KubeRay's probes ask with it
 RUN system-packages && apt-get install --yes --no-install-recommends rsync wget && rm -rf /var/lib/apt/lists/* \
-    && useradd --uid 10001 --create-home --home-dir /var/lib/drapemeter drapemeter
+    && useradd --uid 10001 --create-home --home-dir /var/lib/drapemeter drapemeter \
+    && install --directory --owner drapemeter --group drapemeter /var/lib/drapemeter/cache
 COPY --from=build /opt/drapemeter /opt/drapemeter
 ENV PATH=/opt/drapemeter/bin:$PATH PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 RAY_USAGE_STATS_ENABLED=0
 USER 10001

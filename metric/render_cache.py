@@ -23,11 +23,11 @@ CACHE_VARIABLE = "DRAPEMETER_CACHE"
 _ENGINES = ("taichi", "open3d", "numpy", "scipy", "mkl")
 
 
-def default_cache_folder() -> Path:
-    """``DRAPEMETER_CACHE``, else ``drapemeter`` in the user's cache folder."""
+def default_cache_folder() -> Path | None:
+    """``DRAPEMETER_CACHE`` (empty: None, nothing is kept), else ``drapemeter`` in the user's cache folder."""
     named = os.environ.get(CACHE_VARIABLE)
-    if named:
-        return Path(named)
+    if named is not None:
+        return Path(named) if named else None
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "drapemeter"
 

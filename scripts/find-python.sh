@@ -3,7 +3,9 @@
 set -euo pipefail
 
 check='import sys, ensurepip, venv; assert (3, 11) <= sys.version_info[:2] <= (3, 12); print(sys.executable)'
-for candidate in ${PYTHON:-python3.11 python3.12 python3 python /usr/bin/python3.11 /usr/bin/python3.12}; do
+candidates=(python3.11 python3.12 python3 python /usr/bin/python3.11 /usr/bin/python3.12)
+if [ -n "${PYTHON:-}" ]; then candidates=("$PYTHON"); fi
+for candidate in "${candidates[@]}"; do
     if found="$("$candidate" -c "$check" 2>/dev/null)"; then
         echo "$found"
         exit 0

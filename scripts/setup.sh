@@ -7,6 +7,12 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 venv="${VENV:-.venv}"
 
+glibc="$(getconf GNU_LIBC_VERSION 2>/dev/null | cut -d ' ' -f 2)" || true
+if [ "$(uname -sm)" != "Linux x86_64" ] || [ "$(printf '%s\n' 2.35 "${glibc:-0}" | sort -V | head -n 1)" != 2.35 ]; then
+    echo "error: this is $(uname -sm) with glibc ${glibc:-unknown}: Open3D and Taichi are built for Linux x86_64 with" \
+        "glibc 2.35 or later (Debian 12, Ubuntu 22.04)" >&2
+    exit 1
+fi
 scripts/system-packages.sh
 if [ ! -x "$venv/bin/python" ]; then
     python="$(scripts/find-python.sh)"

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    from sqlalchemy.engine import URL
 
 MIB = 1024 * 1024
 DAY_S = 86400.0
@@ -21,7 +25,7 @@ WEAK_PASSWORDS = frozenset({"", "changeme", "drapemeter", "example", "password",
 class Settings(BaseSettings):
     """What the server and its workers need to know; see ``docs/api.md``."""
 
-    model_config = SettingsConfigDict(env_prefix="DRAPEMETER_", extra="ignore", frozen=True)
+    model_config = SettingsConfigDict(env_prefix="DRAPEMETER_", env_ignore_empty=True, extra="ignore", frozen=True)
 
     environment: Literal["development", "production"] = "development"
     host: str = "127.0.0.1"
@@ -49,6 +53,9 @@ class Settings(BaseSettings):
         default=DAY_S, gt=0, le=366 * DAY_S, description="A job that takes longer is stopped and fails."
     )
     job_shutdown_grace_s: float = Field(default=5.0, ge=0, le=DAY_S)
+    job_cluster_patience_s: float = Field(
+        default=600.0, ge=0, le=366 * DAY_S, description="How long a job waits for a Ray cluster that does not answer."
+    )
     job_retention_days: float = Field(default=30.0, gt=0, le=CENTURY_DAYS)
     idempotency_hours: float = Field(default=24.0, gt=0, le=24 * CENTURY_DAYS)
 
@@ -78,9 +85,22 @@ class Settings(BaseSettings):
         url = parse_url(self.database)
         if not self.guarded or url.get_backend_name() == "sqlite":
             return
-        local_socket = not url.host and "password" not in url.query
-        if not local_socket and str(url.password or "").lower() in WEAK_PASSWORDS:
+        elsewhere = bool(url.host) or not str(url.query.get("host", "/")).startswith("/")
+        if elsewhere and not _signs_in_otherwise(url) and _password(url).lower() in WEAK_PASSWORDS:
             raise InputError(
                 "the database password is empty or a well-known default: set a random one before serving others",
                 code="default_secret",
             )
+
+
+def _password(url: URL) -> str:
+    """Of a database server, as its library finds it: in the URL or the environment."""
+    given = url.password if url.password is not None else url.query.get("password", os.environ.get("PGPASSWORD"))
+    return str(given or "")
+
+
+def _signs_in_otherwise(url: URL) -> bool:
+    """By a certificate or a password file."""
+    file = Path(os.environ.get("PGPASSFILE", "~/.pgpass")).expanduser()
+    named = "sslcert" in url.query or "passfile" in url.query or "PGSSLCERT" in os.environ
+    return not _password(url) and url.password is None and (named or file.is_file())

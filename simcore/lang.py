@@ -10,9 +10,12 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import stat
 import tempfile
 from pathlib import Path
 from typing import Any
+
+from simcore.errors import MissingResourceError
 
 os.environ.setdefault("TI_LOG_LEVEL", "error")
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -73,8 +76,24 @@ def _cache_folder() -> Path:
         folder = Path(named)
         folder.mkdir(parents=True, exist_ok=True)
         return folder
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path(tempfile.gettempdir()) / f"drapemeter-{os.getuid()}")
-    return _claim(root / "kernels")
+    base = os.environ.get("XDG_CACHE_HOME")
+    if base:
+        return _claim(Path(base) / "kernels")
+    return _claim(_own_folder(Path(tempfile.gettempdir()) / f"drapemeter-{os.getuid()}") / "kernels")
+
+
+def _own_folder(folder: Path) -> Path:
+    """A folder in a place that others may write to, too; a new one where somebody else has made one of that name.
+
+    What lies in it is compiled code that is run.
+    """
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    if stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid():
+        folder.chmod(0o700)
+        return folder
+    return Path(tempfile.mkdtemp(prefix=f"{folder.name}-", dir=folder.parent))
 
 
 _claims: list[Any] = []
@@ -86,8 +105,11 @@ def _claim(root: Path) -> Path:
 
     for number in range(256):
         folder = root / str(number)
-        folder.mkdir(parents=True, exist_ok=True)
-        handle = (folder / "lock").open("w")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            handle = (folder / "lock").open("w")
+        except PermissionError:  # another user's, of a cache that several share
+            continue
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -95,4 +117,8 @@ def _claim(root: Path) -> Path:
             continue
         _claims.append(handle)
         return folder / "cache"
-    raise RuntimeError(f"all 256 kernel cache folders under {root} are in use")
+    raise MissingResourceError(
+        f"all 256 folders for compiled kernels under {root} are in use or another user's: set DRAPEMETER_KERNEL_CACHE "
+        "to a folder of your own",
+        code="kernel_cache",
+    )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ipaddress
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import timedelta
 from typing import Annotated
@@ -18,10 +20,12 @@ from services.api.problems import ProblemError
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.db.base import utc_now
+from services.db.engine import DATABASE_AWAY
 
 CALLER = "drapemeter.caller"
 """Where the middleware leaves the caller in a request's scope."""
-LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
+PASSED_ON = frozenset({"forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip"})
+"""Headers by which a proxy says that it asks for somebody else."""
 NOTE_USE_EVERY = timedelta(minutes=1)
 
 bearer = HTTPBearer(
@@ -96,7 +100,7 @@ def identify(request: Request, state: ServiceState) -> Caller:
             401, "key_invalid", "the API key is unknown, revoked or expired: ask for a new one", challenge
         )
     if key.last_used_at is None or utc_now() - key.last_used_at > NOTE_USE_EVERY:
-        with state.database.write() as session:
+        with suppress(*DATABASE_AWAY), state.database.write() as session:  # who only reads needs no writing
             note_use(session, key.id)
     known = {scope.value for scope in ApiScope}
     return Caller(key.id, frozenset(ApiScope(name) for name in key.scopes if name in known))
@@ -106,16 +110,29 @@ def refuse_browsers(request: Request) -> None:
     """On an open server, refuse what a foreign web page in the user's browser could have sent.
 
     A page can reach a server on loopback by a name that it controls (DNS rebinding) or by a form (forgery); both show
-    in the headers that a browser always sends.
+    in the headers that a browser always sends. So does most of what a proxy passes on from other machines.
 
     Raises:
         ProblemError: 403.
     """
     host, origin = request.headers.get("host", ""), request.headers.get("origin")
-    if re.sub(r":\d+$", "", host) in LOOPBACK_NAMES and (origin is None or urlsplit(origin).netloc == host):
+    passed_on = not PASSED_ON.isdisjoint(request.headers)
+    if _is_loopback(host) and (origin is None or urlsplit(origin).netloc == host) and not passed_on:
         return
-    detail = "without API keys the server answers programs on this machine only: address it as http://127.0.0.1"
+    detail = (
+        "without API keys the server answers programs on this machine only: address it as http://127.0.0.1, or make a "
+        "key with 'drapemeter keys create' (behind a proxy start it with DRAPEMETER_ENVIRONMENT=production)"
+    )
     raise ProblemError(403, "origin_refused", detail)
+
+
+def _is_loopback(host: str) -> bool:
+    """Whether a Host header names this machine."""
+    name = re.sub(r":\d+$", "", host).strip("[]")
+    try:
+        return name == "localhost" or ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
 
 
 def require(scope: ApiScope) -> Callable[..., Caller]:

@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from services.jobs.scratch import scratch_prefix
 from services.jobs.task import Report
 from simcore.errors import InputError, MissingResourceError
 
@@ -39,7 +40,7 @@ def estimate_pictures(
     from capture.prepare import prepare_all
 
     estimator = _load(model)
-    with tempfile.TemporaryDirectory(prefix="drapemeter-estimate-") as folder:
+    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as folder:
         for name, content in pictures.items():
             (Path(folder) / name).write_bytes(content)
         (Path(folder) / "captures.json").write_text(document, encoding="utf-8")

@@ -10,16 +10,19 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime, timedelta
 from http import HTTPStatus
 from typing import Annotated, Any
 
 from fastapi import Header
 from fastapi.responses import JSONResponse
+from sqlalchemy import Delete, delete
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from services.api.auth import Caller
 from services.api.problems import ProblemError
+from services.db.base import utc_now
 from services.db.engine import Database
 from services.db.idempotency import IdempotencyRecord
 from services.patterns import PRINTABLE
@@ -61,12 +64,14 @@ class Once:
         caller: keys of different callers do not meet.
         key: the header; None when nothing is to be remembered.
         fingerprint: of what was asked, see :func:`fingerprint`.
+        hours: how long an answer is remembered.
     """
 
     database: Database
     caller: Caller
     key: str | None
     fingerprint: str
+    hours: float
 
     def earlier(self) -> JSONResponse | None:
         """The answer already given under this key, if any.
@@ -95,6 +100,7 @@ class Once:
                     return earlier
                 answer = make(session)
                 if self.key is not None:
+                    session.execute(self._forget(self.key))
                     session.add(self._record(self.key, answer))
             return answer.response()
         except (IntegrityError, ProblemError) as error:
@@ -110,12 +116,20 @@ class Once:
         if self.key is None:
             return None
         record = session.get(IdempotencyRecord, (self.caller.key_id or "", self.key))
-        if record is None:
+        if record is None or record.created_at < self._since():
             return None
         if record.fingerprint != self.fingerprint:
             detail = "this Idempotency-Key was used for another request: make a new key for each request"
             raise ProblemError(422, "idempotency_key_reused", detail)
         return Answer(record.status, record.body, record.headers).response(replayed=True)
+
+    def _since(self) -> datetime:
+        return utc_now() - timedelta(hours=self.hours)
+
+    def _forget(self, key: str) -> Delete:
+        """The answer of before the time that answers are remembered; workers sweep those away only now and then."""
+        own = (IdempotencyRecord.caller == (self.caller.key_id or ""), IdempotencyRecord.key == key)
+        return delete(IdempotencyRecord).where(*own, IdempotencyRecord.created_at < self._since())
 
     def _record(self, key: str, answer: Answer) -> IdempotencyRecord:
         return IdempotencyRecord(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from sqlalchemy.exc import DBAPIError
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -10,6 +9,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from services.api.auth import CALLER, identify
 from services.api.problems import ProblemError, problem_response
 from services.api.state import ServiceState
+from services.db.engine import DATABASE_AWAY
 
 
 class KeyFirst:
@@ -28,6 +28,6 @@ class KeyFirst:
                 response = problem_response(error.status_code, error.code, error.detail, scope["path"], headers=headers)
                 await response(scope, receive, send)
                 return
-            except DBAPIError:
+            except DATABASE_AWAY:
                 pass  # the route asks again, and its failure is answered as any other of the database
         await self._app(scope, receive, send)

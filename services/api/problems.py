@@ -11,11 +11,12 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
-from sqlalchemy.exc import DataError, OperationalError
+from sqlalchemy.exc import DataError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match, Route
 
 from services.api.context import request_id
+from services.db.engine import DATABASE_AWAY
 from simcore.errors import DrapemeterError, InputError, MissingResourceError
 
 MEDIA_TYPE = "application/problem+json"
@@ -108,7 +109,8 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _on_http_error)
     app.add_exception_handler(RequestValidationError, _on_validation_error)
     app.add_exception_handler(DrapemeterError, _on_own_error)
-    app.add_exception_handler(OperationalError, _on_database_error)
+    for away in DATABASE_AWAY:
+        app.add_exception_handler(away, _on_database_error)
     app.add_exception_handler(DataError, _on_refused_data)
     app.add_exception_handler(Exception, _on_unforeseen)
 

@@ -37,6 +37,7 @@ def run_server(settings: Settings) -> None:
 
     def leave(_signal: int, _frame: FrameType | None) -> None:
         server.should_exit = True
+        workers.ask_to_end()  # at once: whoever stops us may not wait until requests and then jobs have ended
 
     # uvicorn raises the signal again once it has ended; with the default handlers we would end before our workers.
     signal.signal(signal.SIGTERM, leave)

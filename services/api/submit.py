@@ -34,7 +34,7 @@ def submit_job(
         ProblemError: 422 when the key was used for another request, 429 when too many jobs wait.
     """
     content = {"inputs": inputs, "files": {file.name: file.content for file in files}}
-    once = Once(state.database, caller, key, fingerprint(f"job {kind}", content))
+    once = Once(state.database, caller, key, fingerprint(f"job {kind}", content), state.settings.idempotency_hours)
 
     def make(session: Session) -> Answer:
         waiting = session.scalar(select(func.count()).select_from(Job).where(Job.status == JobStatus.QUEUED)) or 0

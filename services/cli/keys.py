@@ -69,7 +69,7 @@ def create(
     from services.api.scopes import parse_scopes
 
     wanted = parse_scopes(scopes)
-    with _open(database) as opened, opened.write() as session:
+    with _open(database, make=True) as opened, opened.write() as session:
         key = create_key(session, name, wanted, expires_after_days=expires_days)
     if as_json:
         expires_at = key.expires_at.isoformat() if key.expires_at else None
@@ -79,6 +79,7 @@ def create(
         return
     console.say(key.token)
     console.note(f"{key.name}: {', '.join(key.scopes)}. Keep the key now, it cannot be shown again.")
+    console.note(f"It is one of {opened.public_url}: 'drapemeter serve' must use the same database.")
 
 
 def list_(database: str | None = DATABASE, seed: int = SEED_UNUSED, as_json: bool = JSON) -> None:
@@ -113,18 +114,10 @@ def revoke(
 
 
 @contextmanager
-def _open(url: str | None) -> Iterator[Database]:
-    """The service's database, its tables made where it is the embedded one."""
-    from services.cli.serve import load_settings
-    from services.db.engine import Database
-    from services.db.migrate import require_current, upgrade
+def _open(url: str | None, *, make: bool = False) -> Iterator[Database]:
+    """The service's database; an embedded one is made where it may be."""
+    from services.cli.database import open_database
 
-    database = Database(load_settings({"database": url}).database)
-    if database.is_sqlite:
-        upgrade(database)
-    else:
-        require_current(database)
-    try:
+    missing = "no such database, so no key: run it where 'drapemeter serve' runs, or give --database"
+    with open_database(url, missing=None if make else missing) as database:
         yield database
-    finally:
-        database.close()

@@ -16,9 +16,10 @@ def caches(keep: bool) -> tuple[RenderCache | None, FeatureCache]:
     from metric.render_cache import RenderCache, default_cache_folder
     from services.cli.outputs import make_folder
 
-    if not keep:
+    place = default_cache_folder()
+    if not keep or place is None:
         return None, FeatureCache()
-    folder = make_folder(default_cache_folder(), "set DRAPEMETER_CACHE to another, or give --no-cache")
+    folder = make_folder(place, "set DRAPEMETER_CACHE to another, or give --no-cache")
     return RenderCache(folder / "renders"), FeatureCache(folder / "features")
 
 
@@ -43,4 +44,5 @@ def descriptor_store(keep: bool) -> DescriptorStore:
     from metric.descriptor import DescriptorStore
     from metric.render_cache import default_cache_folder
 
-    return DescriptorStore(default_cache_folder() / "descriptors" if keep else None)
+    place = default_cache_folder()
+    return DescriptorStore(place / "descriptors" if keep and place is not None else None)

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from simcore.errors import InputError
-
 if TYPE_CHECKING:
     from services.db.engine import Database
     from services.web.study_store import StudyStore
@@ -20,35 +18,16 @@ STUDY = typer.Argument(..., metavar="STUDY", help="Identifier of the study; 'dra
 
 @contextmanager
 def open_database(url: str | None, *, make: bool = True) -> Iterator[Database]:
-    """The database with its tables up to date; an embedded one is made as needed.
-
-    Args:
-        url: of the database; None: as the settings say.
-        make: an embedded one that is not there may be made.
+    """The database of studies; an embedded one that is not there is made if it may be.
 
     Raises:
-        InputError: an unusable URL, or a database that is not there and may not be made.
-        MissingResourceError: it cannot be reached, or a shared one has the tables of another version.
+        InputError, MissingResourceError: as :func:`services.cli.database.open_database`.
     """
-    from services.cli.serve import load_settings
-    from services.db.engine import Database as NewDatabase
-    from services.db.migrate import require_current, upgrade
+    from services.cli import database
 
-    database = NewDatabase(load_settings({"database": url}).database)
-    try:
-        if database.is_sqlite:
-            if not make and (place := database.file) is not None and not place.exists():
-                raise InputError(
-                    f"{place}: no such database, so no study: give --database (`drapemeter study list` shows what one "
-                    "holds)",
-                    code="file_missing",
-                )
-            upgrade(database)
-        else:
-            require_current(database)
-        yield database
-    finally:
-        database.close()
+    missing = "no such database, so no study: give --database (`drapemeter study list` shows what one holds)"
+    with database.open_database(url, missing=None if make else missing) as opened:
+        yield opened
 
 
 @contextmanager

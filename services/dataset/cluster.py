@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from simcore.errors import InputError
+from simcore.errors import InputError, MissingResourceError
 
 _STORE_BYTES = 100 * 2**20
 """Ray's object store: only keys and small words travel through it, data goes to the Zarr store."""
@@ -31,6 +32,7 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
 
     Raises:
         InputError: no cluster at the address, it wants a token, or it has no GPU where one is needed.
+        MissingResourceError: the cluster went away within the block.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
@@ -39,20 +41,31 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
     address = address or os.environ.get("RAY_ADDRESS") or "local"
     cores = len(os.sched_getaffinity(0))
     if is_local(address):
-        ray.init(
-            address="local",
-            num_cpus=workers or cores,
-            num_gpus=None if gpus else 0,  # None: as many as the machine has
-            include_dashboard=False,
-            object_store_memory=_STORE_BYTES,
-            _node_ip_address="127.0.0.1",
-            **_QUIET,
-        )
+        # Ray's workers look for modules in the folder where it was started, and before all others: it may have a
+        # `metric.py` of somebody else's.
+        with chdir(Path(__file__).parents[2]):
+            ray.init(
+                address="local",
+                num_cpus=workers or cores,
+                num_gpus=None if gpus else 0,  # None: as many as the machine has
+                include_dashboard=False,
+                object_store_memory=_STORE_BYTES,
+                _node_ip_address="127.0.0.1",
+                **_QUIET,
+            )
     else:
         _connect(address)
         cores = max(1, int(cluster_cpus()))
     try:
         yield min(workers or cores, _gpus()) if gpus else workers or cores
+    except (ConnectionError, ray.exceptions.RaySystemError) as error:
+        if is_local(address):
+            raise
+        why = (str(error).splitlines() or [type(error).__name__])[0]
+        raise MissingResourceError(
+            f"the Ray cluster at {address} went away ({why}): start it again, then the command",
+            code="cluster_lost",
+        ) from None
     finally:
         ray.shutdown()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,13 +11,20 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import URL, make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError
+from sqlalchemy.exc import ArgumentError, DBAPIError, InternalError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.orm import Session
 
 from simcore.errors import InputError, MissingResourceError
 
+DATABASE_AWAY = (OperationalError, InternalError, PoolTimeoutError)
+"""What is raised where the database does not answer, only reads (a standby), or has no connection left."""
 BUSY_TIMEOUT_S = 30
 """How long a SQLite writer waits for another process's transaction."""
+CONNECT_S, ANSWER_S = 5, 15
+"""How long a database server may take for a connection, and for a sign of life on one [s]."""
+KEPT_CONNECTIONS, MOST_CONNECTIONS = 10, 45
+"""To a database server; at most one for each of the 40 threads of our server, and a few."""
 
 
 def parse_url(text_url: str) -> URL:
@@ -41,6 +49,11 @@ def parse_url(text_url: str) -> URL:
             f"database {url.drivername!r} is not supported: use SQLite (sqlite:///...) or PostgreSQL (postgresql://...)",
             code="database_url",
         )
+    if "@" in (url.host or ""):
+        raise InputError(
+            "the database URL has an @ too many: write one in a password as %40 (and % as %25, / as %2F)",
+            code="database_url",
+        )
     if url.get_backend_name() == "sqlite" and url.database in {None, "", ":memory:"}:
         raise InputError(
             "an in-memory SQLite database cannot be shared with the job workers: give sqlite:///drapemeter.db",
@@ -59,7 +72,7 @@ class Database:
 
     def __init__(self, url: str) -> None:
         self.url = parse_url(url)
-        self.engine = _sqlite_engine(self.url) if self.is_sqlite else create_engine(self.url, pool_pre_ping=True)
+        self.engine = _sqlite_engine(self.url) if self.is_sqlite else _server_engine(self.url)
         self._write_engine = self.engine.execution_options(write=True)
 
     @property
@@ -74,8 +87,8 @@ class Database:
 
     @property
     def public_url(self) -> str:
-        """For logs: the password hidden."""
-        return self.url.render_as_string(hide_password=True)
+        """For logs: without the password, wherever it stands."""
+        return self.url.difference_update_query(["password"]).render_as_string(hide_password=True)
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -110,14 +123,29 @@ class Database:
         self.engine.dispose()
 
 
+def _server_engine(url: URL) -> Engine:
+    """PostgreSQL: nobody waits for minutes for a machine that is gone; what is stored stays out of error messages."""
+    waiting = {"connect_timeout": CONNECT_S, "tcp_user_timeout": 1000 * ANSWER_S, "keepalives_idle": ANSWER_S}
+    return create_engine(
+        url,
+        pool_pre_ping=True,
+        pool_size=KEPT_CONNECTIONS,
+        max_overflow=MOST_CONNECTIONS - KEPT_CONNECTIONS,
+        pool_timeout=CONNECT_S,
+        hide_parameters=True,
+        connect_args={name: value for name, value in waiting.items() if name not in url.query},
+    )
+
+
 def _sqlite_engine(url: URL) -> Engine:
     """SQLite for several processes: write-ahead log, patience, explicit transactions."""
-    engine = create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_S})
+    engine = create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_S}, hide_parameters=True)
 
     @event.listens_for(engine, "connect")
     def configure(connection: sqlite3.Connection, _record: Any) -> None:
         connection.isolation_level = None  # the driver begins nothing by itself
-        for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON"):
+        _write_ahead(connection)
+        for pragma in ("synchronous=NORMAL", "foreign_keys=ON"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")
@@ -127,3 +155,17 @@ def _sqlite_engine(url: URL) -> Engine:
         connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
 
     return engine
+
+
+def _write_ahead(connection: sqlite3.Connection) -> None:
+    """Switch to the write-ahead log; of several processes that do so with a new file one is told that it is locked."""
+    deadline = time.monotonic() + BUSY_TIMEOUT_S
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode=WAL")
+        except sqlite3.OperationalError as error:
+            if "locked" not in str(error) or time.monotonic() > deadline:
+                raise
+            time.sleep(0.02)
+        else:
+            return

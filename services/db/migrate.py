@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from simcore.errors import MissingResourceError
@@ -25,6 +28,8 @@ def upgrade(database: Database) -> None:
     from alembic import command
     from sqlalchemy import text
 
+    if database.file is not None:
+        _make_private(database.file)
     database.ping()
     config = _config()
     with database.engine.execution_options(write=True).begin() as connection:
@@ -43,6 +48,18 @@ def is_current(database: Database) -> bool:
     return set(heads) == set(_scripts(_config()).get_heads())
 
 
+def is_usable(database: Database) -> bool:
+    """Whether this version of the software can serve from the tables: they are its own, or of a later version, whose
+    migrations leave the version before it working while it is replaced.
+    """
+    from alembic.migration import MigrationContext
+
+    with database.engine.connect() as connection:
+        heads = MigrationContext.configure(connection).get_current_heads()
+    known = {script.revision for script in _scripts(_config()).walk_revisions()}
+    return bool(heads) and (set(heads) == set(_scripts(_config()).get_heads()) or not set(heads) & known)
+
+
 def require_current(database: Database) -> None:
     """Check before serving.
 
@@ -55,6 +72,12 @@ def require_current(database: Database) -> None:
             f"the tables of {database.public_url} are of another version: run 'drapemeter serve --migrate' first",
             code="database_not_migrated",
         )
+
+
+def _make_private(file: Path) -> None:
+    """Make an embedded database's file, which holds customers' captures, for this user alone; one there is left."""
+    with suppress(OSError):  # one that is there, or a place that cannot be written to, which is told when it is opened
+        os.close(os.open(file, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
 
 
 def _config() -> Config:

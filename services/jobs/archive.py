@@ -17,6 +17,9 @@ from simcore.errors import InputError
 
 CAPTURES_FILE = "captures.json"
 MOST_ENTRIES = 5000
+MOST_CONTENTS_BYTES = 320 * MOST_ENTRIES
+END_RECORD, END_BYTES = b"PK\5\6", 22
+END_RECORD_64, END_BYTES_64, END_LOCATOR_64 = b"PK\6\6", 56, b"PK\6\7"
 MOST_JSON_BYTES = 8 * 1024 * 1024
 SUFFIXES = frozenset({".json", ".png"})
 MOST_NAME_BYTES = 200
@@ -122,6 +125,8 @@ def unpack(content: bytes, folder: Path, limits: ArchiveLimits, named: Collectio
 
 
 def _open(content: bytes) -> zipfile.ZipFile:
+    if _contents_bytes(content) > MOST_CONTENTS_BYTES:  # read whole, into an object an entry, before anything is known
+        raise InputError(f"the archive has too many files: at most {MOST_ENTRIES} are taken", code="archive_too_large")
     try:
         return zipfile.ZipFile(io.BytesIO(content))
     except DAMAGE:
@@ -129,6 +134,21 @@ def _open(content: bytes) -> zipfile.ZipFile:
             "the capture set is not a ZIP archive: send captures.json and its PNG files as one ZIP",
             code="archive_not_zip",
         ) from None
+
+
+def _contents_bytes(content: bytes) -> int:
+    """Length of an archive's table of contents, as its end record says, which :mod:`zipfile` goes by."""
+    at = content.rfind(END_RECORD, max(0, len(content) - END_BYTES - 0xFFFF))
+    if at < 0 or at + END_BYTES > len(content):
+        return 0  # no archive: told when it is opened
+    size = int(struct.unpack_from("<L", content, at + 12)[0])
+    locator = content.rfind(END_LOCATOR_64, max(0, at - 20), at)
+    if locator >= 0:
+        (end,) = struct.unpack_from("<Q", content, locator + 8)
+        for place in (end, locator - END_BYTES_64):  # an archive behind other bytes says its own offsets
+            if 0 <= place <= len(content) - END_BYTES_64 and content.startswith(END_RECORD_64, place):
+                size = max(size if size != 0xFFFFFFFF else 0, int(struct.unpack_from("<Q", content, place + 40)[0]))
+    return size
 
 
 def _entries(archive: zipfile.ZipFile, limits: ArchiveLimits) -> list[_Entry]:

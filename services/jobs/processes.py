@@ -10,11 +10,14 @@ from collections.abc import Callable
 
 import structlog
 
+from services.jobs.child import STOP_GRACE_S
 from services.jobs.execute import execute
 from services.jobs.task import TaskOutput
 from services.settings import Settings
 
 RESPAWN_AFTER_S = 1.0
+STORING_S = 5.0
+"""Time that a worker has for giving its job back, once the job's process has ended."""
 
 log = structlog.get_logger("drapemeter.serve")
 
@@ -71,14 +74,19 @@ class WorkerProcesses:
         self._processes = [self._launch() for _ in range(self._settings.workers)]
         self._watcher.start()
 
+    def ask_to_end(self) -> None:
+        """Let them begin to end, without waiting for it; they can be asked twice."""
+        self._closing.set()
+        for process in self._processes:
+            process.terminate()
+
     def close(self) -> None:
         """End them: each gives its job back."""
         self._closing.set()
         if self._watcher.is_alive():
             self._watcher.join()
-        for process in self._processes:
-            process.terminate()
-        deadline = time.monotonic() + self._settings.job_shutdown_grace_s + 10.0
+        self.ask_to_end()  # the watcher may have replaced one meanwhile
+        deadline = time.monotonic() + self._settings.job_shutdown_grace_s + STOP_GRACE_S + STORING_S
         for process in self._processes:
             process.join(max(0.1, deadline - time.monotonic()))
             if process.is_alive():

@@ -147,18 +147,19 @@ class JobQueue:
         """The job was stopped on request."""
         return self._end(claim, (), status=JobStatus.CANCELLED)
 
-    def release(self, claim: Claim, *, count_attempt: bool) -> bool:
+    def release(self, claim: Claim, *, count_attempt: bool, message: str = "") -> bool:
         """Give an unfinished job back; it is run again from the start.
 
         Args:
-            count_attempt: False for an orderly shutdown, which is no fault of the job.
+            count_attempt: False for an orderly shutdown and its like, which are no fault of the job.
+            message: why it waits again.
         """
         if count_attempt and claim.attempt >= self._max_attempts:
             return self.fail(claim, "job_crashed", self._gave_up())
         with self._database.write() as session:
             giving_back = update(Job).where(_held(claim))
             attempts = claim.attempt if count_attempt else claim.attempt - 1
-            return bool(_rows(session, giving_back.values(**_WAITING_AGAIN, attempts=attempts)))
+            return bool(_rows(session, giving_back.values(**_WAITING_AGAIN, attempts=attempts, message=message[:200])))
 
     def reap(self) -> int:
         """Take jobs from workers that fell silent; returns how many."""

@@ -13,7 +13,12 @@ NAME = re.compile(r"drapemeter-job-(\d+)-.*")
 
 def make_scratch() -> Path:
     """An empty folder that says whose it is."""
-    return Path(tempfile.mkdtemp(prefix=f"drapemeter-job-{os.getpid()}-"))
+    return Path(tempfile.mkdtemp(prefix=scratch_prefix()))
+
+
+def scratch_prefix() -> str:
+    """How such a folder's name begins; without its process it is cleared by the next worker."""
+    return f"drapemeter-job-{os.getpid()}-"
 
 
 def remove_scratch(folder: Path) -> None:

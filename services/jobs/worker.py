@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import structlog
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DBAPIError
 
 from services.db.engine import Database
 from services.jobs.execute import execute, gather
@@ -29,6 +29,10 @@ POLL_S = 0.3
 PURGE_EVERY_S = 600.0
 AWAY_S = 1.0
 """How soon a database that did not answer is asked again."""
+PAUSE_S = 5.0
+"""How soon a job is begun again that this machine or the cluster could not take on."""
+CLUSTER_AWAY = frozenset({"cluster_missing", "cluster_lost", "workers_missing"})
+"""What a job is refused for that is no fault of its own."""
 
 log = structlog.get_logger("drapemeter.worker")
 
@@ -60,7 +64,8 @@ class JobWorker:
         self._work = work
         self._queue = JobQueue(database, lease_s=settings.job_lease_s, max_attempts=settings.job_attempts)
         self._beat_every_s = min(settings.job_lease_s / 4, 2.0)
-        self._last_beat = self._last_purge = float("-inf")
+        self._last_beat = self._last_purge = self._reaps_from = float("-inf")
+        self._cluster_away_since: dict[str, float] = {}
 
     def run(self) -> None:
         """Until ``stopping`` is set."""
@@ -74,13 +79,13 @@ class JobWorker:
                         self._stopping.wait(POLL_S)
                     else:
                         self.work(claim)
-                except OperationalError as error:
+                except DBAPIError as error:
                     self._runner.stop()
                     self._say_away(error)
                     self._stopping.wait(AWAY_S)
         finally:
             self._runner.stop()
-            with suppress(OperationalError):
+            with suppress(DBAPIError):
                 self._queue.leave(self.name)
             log.info("worker_stopped", worker=self.name)
 
@@ -88,13 +93,21 @@ class JobWorker:
         """Do one job and store how it ended."""
         job_log = log.bind(job=claim.id, kind=claim.kind, attempt=claim.attempt)
         job_log.info("job_started")
-        scratch = make_scratch()
+        try:
+            scratch = make_scratch()
+        except OSError as error:
+            self._give_back_for_now(claim, f"no folder to work in: {error}")
+            return
         try:
             with self._database.read() as session:
                 inputs = gather(session, claim.kind, claim.inputs)
             resources = Resources(self._settings.model, self._settings.dataset_root, self._settings.ray_address)
             task = Task(claim.id, claim.kind, inputs, claim.files, resources, scratch)
-            self._runner.start(Call(self._work, (task,)))
+            try:
+                self._runner.start(Call(self._work, (task,)))
+            except OSError as error:
+                self._give_back_for_now(claim, f"no process to work in: {error}")
+                return
             outcome = self._watch(claim)
         finally:
             remove_scratch(scratch)
@@ -103,7 +116,6 @@ class JobWorker:
     def _watch(self, claim: Claim) -> str:
         """Wait for the end of a job; its name for the log."""
         began, next_renewal = time.monotonic(), 0.0
-        leased_until = began + self._settings.job_lease_s
         latest = Progress(0.0)
         stop_at: float | None = None
         while True:
@@ -118,25 +130,22 @@ class JobWorker:
                 going_on: bool | None = True
                 try:
                     going_on = self._queue.renew(claim, progress=latest.fraction, message=latest.message)
-                    leased_until = now + self._settings.job_lease_s
                     self._keep_house()
-                except OperationalError as error:
-                    self._say_away(error)
-                    if now > leased_until:
-                        going_on = None  # by now another worker may have the job
+                except DBAPIError as error:
+                    self._say_away(error)  # and go on: should another worker have taken the job, nothing is stored
                 if not going_on:
                     self._runner.stop()
                     return self._abandon(claim, lost=going_on is None)
             if now - began > self._settings.job_time_limit_s:
                 self._runner.stop()
                 limit = f"{self._settings.job_time_limit_s:g} s"
-                self._queue.fail(claim, "job_timed_out", f"the job took more than {limit} and was stopped")
+                self._refuse(claim, "job_timed_out", f"the job took more than {limit} and was stopped")
                 return "timed_out"
             if self._stopping.is_set():
                 stop_at = stop_at if stop_at is not None else now + self._settings.job_shutdown_grace_s
                 if now >= stop_at:
                     self._runner.stop()
-                    self._queue.release(claim, count_attempt=False)
+                    self._insist(lambda: self._queue.release(claim, count_attempt=False))
                     return "given_back"
 
     def _settle(self, claim: Claim, event: Done | Refused | Crashed) -> str:
@@ -144,36 +153,60 @@ class JobWorker:
             output: TaskOutput = event.value
             stored = self._insist(lambda: self._queue.succeed(claim, output.result, output.files))
             return "succeeded" if stored else "lease_lost"
+        if isinstance(event, Refused) and event.code in CLUSTER_AWAY and self._waits_for_cluster(claim):
+            self._give_back_for_now(claim, event.detail)
+            return "given_back"
         if isinstance(event, Refused):
-            self._insist(lambda: self._queue.fail(claim, event.code, event.detail))
+            self._refuse(claim, event.code, event.detail)
             return "failed"
         log.error("job_process_crashed", job=claim.id, reason=event.reason)
         if event.again:
             self._insist(lambda: self._queue.release(claim, count_attempt=True))
             return "crashed"
-        unforeseen = "the job failed in a way that nobody foresaw; see the worker's log"
-        self._insist(lambda: self._queue.fail(claim, "internal_error", unforeseen))
+        self._refuse(claim, "internal_error", "the job failed in a way that nobody foresaw; see the worker's log")
         return "failed"
 
+    def _refuse(self, claim: Claim, code: str, detail: str) -> None:
+        self._insist(lambda: self._queue.fail(claim, code, detail))
+
+    def _waits_for_cluster(self, claim: Claim) -> bool:
+        """Whether a job goes on waiting for a cluster that is away; it does so for a while from the first time on."""
+        now = time.monotonic()
+        since = self._cluster_away_since.setdefault(claim.id, now)
+        if now - since < self._settings.job_cluster_patience_s:
+            return True
+        del self._cluster_away_since[claim.id]
+        return False
+
+    def _give_back_for_now(self, claim: Claim, why: str) -> None:
+        """What cannot be done here and now is no fault of the job: it is begun again a little later."""
+        log.error("job_waits", job=claim.id, reason=why)
+        self._insist(lambda: self._queue.release(claim, count_attempt=False, message=f"waits: {why}"))
+        self._stopping.wait(PAUSE_S)
+
     def _insist(self, store: Callable[[], bool]) -> bool:
-        """Store how a job ended, again and again while the database is away, as long as a lease lasts."""
-        until = time.monotonic() + self._settings.job_lease_s
+        """Store how a job ended, again and again while the database is away; when stopping, as long as its grace."""
+        until: float | None = None
         while True:
             try:
                 return store()
-            except OperationalError as error:
-                if time.monotonic() > until:
-                    raise
+            except DBAPIError as error:
+                if self._stopping.is_set():
+                    until = until if until is not None else time.monotonic() + self._settings.job_shutdown_grace_s
+                    if time.monotonic() >= until:
+                        raise
                 self._say_away(error)
                 time.sleep(POLL_S)
 
-    def _say_away(self, error: OperationalError) -> None:
+    def _say_away(self, error: DBAPIError) -> None:
+        """Tell it; those who come back must have time to renew their leases before they are taken from them."""
+        self._reaps_from = time.monotonic() + self._settings.job_lease_s
         log.warning("database_away", worker=self.name, error=str(error.orig))
 
     def _abandon(self, claim: Claim, *, lost: bool) -> str:
         if lost:
             return "lease_lost"
-        self._queue.cancel(claim)
+        self._insist(lambda: self._queue.cancel(claim))
         return "cancelled"
 
     def _keep_house(self) -> None:
@@ -182,7 +215,7 @@ class JobWorker:
         if now - self._last_beat >= self._beat_every_s:
             self._last_beat = now
             self._queue.beat(self.name)
-            if count := self._queue.reap():
+            if now >= self._reaps_from and (count := self._queue.reap()):
                 log.warning("jobs_reaped", count=count)
         if now - self._last_purge >= PURGE_EVERY_S:
             self._last_purge = now

@@ -171,6 +171,8 @@ def test_unusable_plans(changes: dict[str, int]) -> None:
 def test_cache_folder_is_the_users_choice(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path))
     assert default_cache_folder() == tmp_path
+    monkeypatch.setenv("DRAPEMETER_CACHE", "")
+    assert default_cache_folder() is None  # nothing is kept
     monkeypatch.delenv("DRAPEMETER_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert default_cache_folder() == tmp_path / "drapemeter"

@@ -99,6 +99,23 @@ def test_an_entry_that_lies_about_its_size_is_not_believed(tmp_path: Path) -> No
     assert sum(path.stat().st_size for path in tmp_path.rglob("*.png")) <= LIMITS.most_bytes
 
 
+@pytest.mark.parametrize("force_64", [False, True])
+def test_a_huge_table_of_contents_is_refused_before_it_is_read(force_64: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as writer:
+        for number in range(40_000):
+            writer.writestr(f"{number}", b"")
+        if force_64:
+            monkeypatch.setattr(zipfile, "ZIP_FILECOUNT_LIMIT", 10)
+    content = stream.getvalue()
+    assert (b"PK\6\6" in content) is force_64
+    monkeypatch.setattr(zipfile.ZipFile, "_RealGetContents", lambda self: pytest.fail("it was read"))
+    for one in (content, b"before it" + content):
+        with pytest.raises(InputError, match="at most 5000") as caught:
+            names_in(one, LIMITS)
+        assert caught.value.code == "archive_too_large"
+
+
 def test_an_encrypted_entry_is_refused(tmp_path: Path) -> None:
     content = bytearray(archive([("captures.json", b"{}")]))
     content[content.index(b"PK\x01\x02") + 8] |= 1  # the flag in the table of contents

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import select, update
+from sqlalchemy import select, text, update
 from sqlalchemy.exc import OperationalError
 
+from services.api.auth import EVERYBODY
+from services.api.idempotency import Answer, Once
 from services.db.base import utc_now
 from services.db.engine import Database
 from services.db.idempotency import IdempotencyRecord
 from services.db.jobs import Job, JobFile, JobStatus
+from services.db.migrate import is_current, is_usable
 from services.jobs.files import FileContent
 from services.jobs.maintenance import purge
 from services.jobs.queue import Claim, JobQueue, enqueue, request_cancel
-from services.jobs.task import Call, Done, Event, Runner, TaskOutput
+from services.jobs.scratch import make_scratch
+from services.jobs.task import Call, Done, Event, Refused, Runner, TaskOutput
 from services.jobs.worker import JobWorker
 from services.settings import Settings
 
@@ -194,6 +200,103 @@ class Working(Runner):
 
     def stop(self) -> None:
         self.stops += 1
+
+
+def test_an_answer_is_remembered_for_its_time_and_no_longer(database: Database) -> None:
+    once = Once(database, EVERYBODY, "key", "fingerprint", hours=1.0)
+    made: list[int] = []
+
+    def answer(session: Any) -> Answer:
+        made.append(len(made))
+        return Answer(200, {"made": made[-1]})
+
+    def given(response: Any) -> Any:
+        return json.loads(response.body)["made"]
+
+    assert [given(once.answer(answer)) for _ in range(2)] == [0, 0]
+    with database.write() as session:
+        session.execute(update(IdempotencyRecord).values(created_at=utc_now() - timedelta(hours=2)))
+    assert once.earlier() is None
+    assert [given(once.answer(answer)) for _ in range(2)] == [1, 1]
+
+
+def test_tables_of_a_later_version_can_be_served_from(database: Database) -> None:
+    assert is_usable(database) and is_current(database)
+    with database.engine.execution_options(write=True).begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = 'of_next_year'"))
+    assert is_usable(database) and not is_current(database)
+    with database.engine.execution_options(write=True).begin() as connection:
+        connection.execute(text("DELETE FROM alembic_version"))
+    assert not is_usable(database)
+
+
+class Refusing(Working):
+    """Has no cluster at first."""
+
+    def __init__(self, *answers: Event) -> None:
+        super().__init__(0)
+        self.answers = list(answers)
+
+    def poll(self, timeout_s: float) -> Event | None:
+        return self.answers.pop(0)
+
+
+AWAY = Refused("cluster_missing", "no Ray cluster answers at head:6379", True)
+
+
+def worked(database: Database, job_id: str, runner: Runner, **settings: float) -> Job:
+    """A job after a worker has had it for as long as it wants."""
+    stopping = threading.Event()
+    made = Settings.model_validate({"database": str(database.url), "job_lease_s": 5.0, **settings})
+    worker = JobWorker(made, database, runner, stopping)
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(worker.run)
+        deadline = time.monotonic() + 30
+        while read(database, job_id).finished_at is None and time.monotonic() < deadline:
+            time.sleep(0.05)
+        stopping.set()
+        running.result()
+    return read(database, job_id)
+
+
+def test_a_job_waits_for_a_cluster_that_is_away(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.05)
+    done = Done(TaskOutput({"distance": 0.5}, ()))
+    job = worked(database, add(database), Refusing(AWAY, AWAY, AWAY, AWAY, done))
+    assert (job.status, job.attempts, job.result) == (JobStatus.SUCCEEDED, 1, {"distance": 0.5})
+    job = worked(database, add(database), Refusing(AWAY), job_cluster_patience_s=0.0)
+    assert job.status == JobStatus.FAILED and job.problem is not None and job.problem["code"] == "cluster_missing"
+
+
+def test_what_this_machine_lacks_costs_no_attempt(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.05)
+    full = iter([OSError(28, "No space left on device"), OSError(28, "No space left on device")])
+
+    def make() -> Path:
+        for error in full:
+            raise error
+        return make_scratch()
+
+    monkeypatch.setattr("services.jobs.worker.make_scratch", make)
+    job = worked(database, add(database), Working(2))
+    assert (job.status, job.attempts) == (JobStatus.SUCCEEDED, 1)
+
+
+def test_a_job_outlives_a_database_that_is_away_for_longer_than_its_lease(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, began = JobQueue.renew, time.monotonic()
+
+    def after_a_while(self: JobQueue, *given: Any, **more: Any) -> Any:
+        if time.monotonic() - began < 1.5:
+            raise OperationalError("UPDATE", {}, Exception("the server closed the connection"))
+        return whole(self, *given, **more)
+
+    monkeypatch.setattr(JobQueue, "renew", after_a_while)
+    runner = Working(100)
+    job = worked(database, add(database), runner, job_lease_s=0.5)
+    assert (job.status, job.attempts) == (JobStatus.SUCCEEDED, 1)
+    assert runner.left <= 0  # it was never begun again
 
 
 @pytest.mark.parametrize("name", ["renew", "beat", "succeed", "claim"])

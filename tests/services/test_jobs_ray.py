@@ -59,7 +59,8 @@ def test_a_distance_computed_on_a_cluster_is_the_one_computed_here(cluster: str,
 
 @pytest.mark.timeout(400)
 def test_a_cluster_that_does_not_answer_fails_the_job_with_a_code(tmp_path: Path) -> None:
-    with serving(tmp_path, "--ray-address", "127.0.0.1:1") as running, running.client() as client:
+    patience = {"DRAPEMETER_JOB_CLUSTER_PATIENCE_S": "0"}
+    with serving(tmp_path, "--ray-address", "127.0.0.1:1", **patience) as running, running.client() as client:
         answer = client.post("/v1/drape-distances", json={"a": STIFF, "b": SOFT, **QUICK})
         job = finished(client, answer.headers["location"])
     assert (job["status"], job["problem"]["code"]) == ("failed", "cluster_missing"), job

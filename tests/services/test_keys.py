@@ -7,11 +7,16 @@ import socket
 import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import pytest
+from fastapi import Request
+from sqlalchemy.exc import InternalError
 
+from services.api.auth import identify, refuse_browsers
 from services.api.keys import create_key, find_key, revoke_key
+from services.api.problems import ProblemError
 from services.api.scopes import ApiScope, parse_scopes
 from services.db.base import utc_now
 from services.db.engine import Database, parse_url
@@ -208,6 +213,49 @@ def test_a_database_that_refuses_is_one_line_without_its_statements(tmp_path: Pa
     said = made.stderr.strip().splitlines()
     assert made.returncode == 1
     assert len(said) == 1 and said[0].endswith("[database_unreachable]") and "INSERT" not in said[0]
+
+
+def test_an_open_server_answers_this_machine_alone() -> None:
+    def asked(host: str, **headers: str) -> Request:
+        raw = [(b"host", host.encode()), *((n.replace("_", "-").encode(), v.encode()) for n, v in headers.items())]
+        return Request({"type": "http", "headers": raw})
+
+    for host in ("localhost:8000", "127.0.0.1", "127.0.0.2:80", "[::1]:8000"):
+        refuse_browsers(asked(host))
+        for passed_on in (
+            {"x_forwarded_for": "203.0.113.9"},
+            {"via": "1.1 p"},
+            {"origin": "https://elsewhere.example"},
+        ):
+            with pytest.raises(ProblemError) as refused:
+                refuse_browsers(asked(host, **passed_on))
+            assert refused.value.code == "origin_refused"
+    for host in ("elsewhere.example", "10.0.0.1:8000", ""):
+        with pytest.raises(ProblemError):
+            refuse_browsers(asked(host))
+
+
+def test_keys_of_no_database_make_none(tmp_path: Path) -> None:
+    for command in (("list",), ("revoke", "dm_1f2e3d4c5b6a")):
+        answer = drapemeter(tmp_path, "keys", *command)
+        assert answer.returncode == 2 and "[file_missing]" in answer.stderr
+    assert not list(tmp_path.glob("*.db"))
+    made = drapemeter(tmp_path, "keys", "create", "--name", "first")
+    (place,) = tmp_path.glob("*.db")
+    assert place.name in made.stderr and place.stat().st_mode & 0o077 == 0
+
+
+def test_a_key_serves_while_the_database_only_reads(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    with database.write() as session:
+        key = create_key(session, "plm", (ApiScope.FABRICS_READ,))
+
+    def refuse(session: object, key_id: str) -> None:
+        raise InternalError("UPDATE", {}, Exception("cannot execute UPDATE in a read-only transaction"))
+
+    monkeypatch.setattr("services.api.auth.note_use", refuse)
+    state = SimpleNamespace(database=database, settings=Settings(environment="production"))
+    request = Request({"type": "http", "headers": [(b"authorization", f"Bearer {key.token}".encode())]})
+    assert identify(request, state).key_id == key.id  # type: ignore[arg-type]  # all that is looked at
 
 
 def test_an_expired_key_is_listed_as_such(tmp_path: Path) -> None:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from services.cli.serve import load_settings
+from services.db.engine import Database, parse_url
+from services.settings import Settings
 from simcore.errors import InputError
 
 
@@ -33,3 +37,33 @@ def test_long_times_that_a_clock_has_are_taken(monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setenv(f"DRAPEMETER_{name}", value)
     found = load_settings({})
     assert (found.job_retention_days, found.idempotency_hours, found.job_lease_s) == (36500.0, 8760.0, 3600.0)
+
+
+def test_an_empty_variable_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("MODEL", "RAY_ADDRESS", "HOST", "PORT"):
+        monkeypatch.setenv(f"DRAPEMETER_{name}", "")
+    assert load_settings({}) == Settings()
+
+
+def test_a_databases_password_may_come_otherwise(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PGPASSFILE", str(tmp_path / "none"))
+    by_name, by_query = "postgresql://u@db/d", "postgresql:///d?host=10.0.0.5&user=u"
+    for url in (by_name, by_query):
+        with pytest.raises(InputError, match="password"):
+            Settings(host="0.0.0.0", database=url).require_safe()
+    Settings(host="0.0.0.0", database=f"{by_query}&password=sFwq29xVbn").require_safe()
+    Settings(host="0.0.0.0", database="postgresql:///d?host=/run/postgresql").require_safe()
+    monkeypatch.setenv("PGPASSWORD", "sFwq29xVbn")
+    Settings(host="0.0.0.0", database=by_name).require_safe()
+    monkeypatch.setenv("PGPASSWORD", "")
+    (tmp_path / "pgpass").touch()
+    monkeypatch.setenv("PGPASSFILE", str(tmp_path / "pgpass"))
+    Settings(host="0.0.0.0", database=by_name).require_safe()
+
+
+def test_a_databases_password_is_not_shown() -> None:
+    for url in ("postgresql://u:sFwq29xVbn@h/d", "postgresql://h/d?user=u&password=sFwq29xVbn"):
+        assert "sFwq" not in Database(url).public_url
+    with pytest.raises(InputError, match="%40") as caught:
+        parse_url("postgresql://u:sFwq@29xVbn@h/d")
+    assert "29xVbn" not in str(caught.value)

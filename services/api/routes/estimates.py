@@ -97,7 +97,8 @@ async def create_estimate(
             sizes.add(check_png(pictures[name], name, most))
     document = _document(pictures, sizes, density, camera, setup)
     asked = {"document": document, "pictures": pictures}
-    once = Once(state.database, caller, idempotency_key, fingerprint("estimates", asked))
+    hours = state.settings.idempotency_hours
+    once = Once(state.database, caller, idempotency_key, fingerprint("estimates", asked), hours)
     earlier = await run_in_threadpool(once.earlier)
     if earlier is not None:
         return earlier

@@ -55,7 +55,8 @@ def create_fabric(
 ) -> JSONResponse:
     """Scope `fabrics:write`. A `plm_ref` that is there already gives 409 `plm_ref_taken`."""
     content = fabric.model_dump(mode="json")
-    once = Once(state.database, caller, idempotency_key, fingerprint("fabrics", content))
+    hours = state.settings.idempotency_hours
+    once = Once(state.database, caller, idempotency_key, fingerprint("fabrics", content), hours)
 
     def make(session: Session) -> Answer:
         _require_free(session, fabric.plm_ref, but=0)

@@ -18,8 +18,9 @@ from services.api.model_folder import find_model
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.db.base import utc_now
+from services.db.engine import DATABASE_AWAY
 from services.db.jobs import Worker
-from services.db.migrate import is_current
+from services.db.migrate import is_usable
 
 router = APIRouter(tags=["health"])
 State = Annotated[ServiceState, Depends(get_state)]
@@ -57,12 +58,12 @@ def readyz(state: State) -> JSONResponse:
     database: Literal["ok", "unreachable", "not_migrated"] = "ok"
     workers = 0
     try:
-        database = "ok" if is_current(state.database) else "not_migrated"
+        database = "ok" if is_usable(state.database) else "not_migrated"
         if database == "ok":
             recent = utc_now() - timedelta(seconds=state.settings.job_lease_s)
             with state.database.read() as session:
                 workers = len(session.scalars(select(Worker.id).where(Worker.seen_at > recent)).all())
-    except DBAPIError:
+    except (DBAPIError, *DATABASE_AWAY):
         database = "unreachable"
     readiness = Readiness(
         status="ready" if database == "ok" else "not_ready",

@@ -51,7 +51,7 @@ class DatasetInputs(Strict):
     model_config = ConfigDict(json_schema_extra={"examples": [{"materials": 4, "jitters": 1, "resolution_m": 0.02}]})
 
     materials: int = Field(ge=1, le=1_000_000, description="Fabrics.")
-    jitters: int = Field(default=1, ge=1, le=1000, description="Repeats of each fabric in each scene.")
+    jitters: int = Field(default=2, ge=1, le=1000, description="Repeats of each fabric in each scene.")
     inclinations: int = Field(default=11, ge=1, le=101, description="Pictures of each drape, evenly over ±5 degrees.")
     scenes: tuple[Literal["hanging", "stretch"], ...] = Field(
         default=("hanging", "stretch"), min_length=1, max_length=2
