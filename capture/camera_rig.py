@@ -49,7 +49,8 @@ def share_pose(scenes: Sequence[Scene], alone: Sequence[Callable[[], Registratio
     """Register the captures of one camera, which stood still unless they say otherwise.
 
     ``hanging`` pictures show the pinned corners clearly, ``stretch`` pictures do not: where there are both, the pose
-    comes from the hanging ones. Where the estimates do not agree, each capture keeps its own.
+    comes from the hanging ones. Where the estimates do not agree, each capture keeps its own; where most do, one that
+    is far from them keeps its own if its own fits its pins: the camera stood elsewhere for it.
 
     Args:
         scenes: of the captures.
@@ -71,7 +72,24 @@ def share_pose(scenes: Sequence[Scene], alone: Sequence[Callable[[], Registratio
         if failures:
             raise failures[0]
         return [votes.get(i) or alone[i]() for i in range(len(scenes))]
-    note = f"the camera stood still over {len(scenes)} captures; {len(votes)} gave its pose"
+    apart = {i for i, vote in votes.items() if not _near(vote.camera_from_panel, pose) and _fits(vote)}
+    agreeing = sum(_near(vote.camera_from_panel, pose) for vote in votes.values())
+    still = f"the camera stood still over {len(scenes) - len(apart)} captures; {agreeing} gave its pose"
+    elsewhere = f"the camera stood elsewhere than for most of the set's {len(scenes)} captures: so its picture says"
     example = replace(next(iter(votes.values())), pins_found_m={}, pin_error_m=None)
-    shared = [votes.get(i, example) for i in range(len(scenes))]
-    return [replace(own, camera_from_panel=pose, assumed=(*own.assumed, note)) for own in shared]
+    shared = []
+    for i in range(len(scenes)):
+        own = votes.get(i, example)
+        place, note = (own.camera_from_panel, elsewhere) if i in apart else (pose, still)
+        shared.append(replace(own, camera_from_panel=place, assumed=(*own.assumed, note)))
+    return shared
+
+
+def _near(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Whether two poses [4, 4] may be of one fixed camera."""
+    turned = np.arccos(np.clip(0.5 * (np.trace(a[:3, :3].T @ b[:3, :3]) - 1.0), -1.0, 1.0))
+    return bool(np.linalg.norm(a[:3, 3] - b[:3, 3]) < MAX_SPREAD_M and turned < MAX_SPREAD_RAD)
+
+
+def _fits(vote: Registration) -> bool:
+    return vote.pin_error_m is not None and vote.pin_error_m < MAX_SPREAD_M

@@ -17,6 +17,7 @@ from capture.outline import sample_corners
 from capture.picture import Depth
 from capture.plane import Plane
 from renderer.camera import Camera
+from simcore.errors import InputError
 from simcore.scenes import Setup
 
 _CELL_M = 0.002
@@ -26,8 +27,11 @@ _CLIP_M = 0.0005
 _OFFSETS_M = (0.003, 0.006, 0.009, 0.012)
 """Distances from the edge, on either side, at which heights are compared [m]."""
 
-_SEARCH_M = 0.04
+_SEARCH_SHARE = 0.08
+"""How far the outline is looked for about its first place, as a share of the sample's size."""
 _SEARCH_RAD = np.radians(3.0)
+_BEYOND = 1.25
+"""A best place farther out than this times what was looked at is none."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,9 @@ def align_edges(
         plane: the panel.
         frame: rows x, y, z of a first panel frame in the camera frame, z the panel's normal, float64 [3, 3].
         middle: first place of the midpoint of the top pins, on the panel, camera frame, float64 [3].
+
+    Raises:
+        InputError: ``pins_not_found``: the outline fits best outside of where it was looked for.
     """
     from scipy.optimize import minimize
 
@@ -66,7 +73,8 @@ def align_edges(
     def cost(scaled: NDArray[np.float64]) -> float:
         return -_step(heights, scaled * scale, edges)
 
-    shifts, turns = np.arange(-_SEARCH_M, _SEARCH_M + 1e-9, 0.008), np.arange(-_SEARCH_RAD, _SEARCH_RAD + 1e-9, 0.0175)
+    search = _SEARCH_SHARE * max(setup.sample_size_m)
+    shifts, turns = np.linspace(-search, search, 11), np.arange(-_SEARCH_RAD, _SEARCH_RAD + 1e-9, 0.0175)
     trials = np.stack(np.meshgrid(shifts, shifts, turns, indexing="ij"), axis=-1).reshape(-1, 3) / scale
     first = trials[int(np.argmin([cost(trial) for trial in trials]))]
     simplex = first + np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 0.5]])
@@ -74,6 +82,12 @@ def align_edges(
         cost, first, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 0.01, "fatol": 1e-7}
     ).x
     right, up, turn = best * scale
+    if max(abs(right), abs(up)) > _BEYOND * search or abs(turn) > _BEYOND * _SEARCH_RAD:
+        raise InputError(
+            "the edges of the stretched sample are not seen where its corners are: check sample_size_m and pins_m, add "
+            "a hanging picture of the same camera, or give camera_from_panel",
+            code="pins_not_found",
+        )
     x = np.cos(turn) * frame[0] + np.sin(turn) * frame[1]
     y = np.cos(turn) * frame[1] - np.sin(turn) * frame[0]
     pose = np.eye(4)

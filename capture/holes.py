@@ -53,7 +53,8 @@ def fill_small_holes(depth: Depth, camera: Camera, *, reach_px: int = 2) -> Dept
     """Fill pixels without data that have data all around, by a weighted plane through their neighbours.
 
     The plane is fitted to inverse depth, which is exactly linear over the picture for a flat surface. Holes next to a
-    step (more than twice :func:`step_share` within the window) stay open, and so does everything outside.
+    step (more than twice :func:`step_share` within the window) stay open, and so does everything outside; what lies
+    beyond a step farther away does not count.
 
     Args:
         depth: z-depth [m], float32 [H, W], 0 = no data.
@@ -75,10 +76,12 @@ def fill_small_holes(depth: Depth, camera: Camera, *, reach_px: int = 2) -> Dept
     size = 2 * reach_px + 1
     nearest = ndimage.minimum_filter(np.where(seen, inner, np.float32(np.inf)), size)
     farthest = ndimage.maximum_filter(np.where(seen, inner, np.float32(0.0)), size)
-    wanted &= (farthest - nearest) <= 2.0 * step_share(camera) * farthest
+    step = 2.0 * step_share(camera) * farthest
+    wanted &= (farthest - nearest) <= step
     filled = depth.copy()
     inner_filled = filled[window]
-    inner_filled[wanted] = (1.0 / _plane_values(inner, seen, wanted, 0.6 * reach_px + 0.4)).astype(np.float32)
+    inverse = _plane_values(inner, seen, wanted, 0.6 * reach_px + 0.4, nearest - step, farthest + step)
+    inner_filled[wanted] = (1.0 / inverse).astype(np.float32)
     return filled
 
 
@@ -90,15 +93,25 @@ def _enclosed(known: NDArray[np.bool_], reach_px: int) -> NDArray[np.bool_]:
 
 
 def _plane_values(
-    depth: Depth, known: NDArray[np.bool_], wanted: NDArray[np.bool_], sigma_px: float
+    depth: Depth,
+    known: NDArray[np.bool_],
+    wanted: NDArray[np.bool_],
+    sigma_px: float,
+    nearest: NDArray[np.floating],
+    farthest: NDArray[np.floating],
 ) -> NDArray[np.float64]:
-    """Inverse depth at the wanted pixels by a plane through their neighbours, Gaussian weights, float64 [wanted]."""
+    """Inverse depth at the wanted pixels by a plane through their neighbours, Gaussian weights, float64 [wanted].
+
+    Neighbours before ``nearest`` or behind ``farthest`` are of another surface.
+    """
     reach = int(np.ceil(2.5 * sigma_px))
     dy, dx = (offset.ravel() for offset in np.mgrid[-reach : reach + 1, -reach : reach + 1])
     row, column = np.nonzero(wanted)
     inverse = np.pad(np.divide(1.0, depth, where=known, out=np.zeros(depth.shape, dtype=np.float64)), reach)
     values = inverse[row[:, None] + reach + dy, column[:, None] + reach + dx]
-    weights = np.where(values > 0.0, np.exp(-0.5 * (dx**2 + dy**2) / sigma_px**2), 0.0)
+    most, least = (1.0 / np.maximum(bound[row, column], 1e-6) for bound in (nearest, farthest))
+    same = (values >= least[:, None]) & (values <= most[:, None])
+    weights = np.where((values > 0.0) & same, np.exp(-0.5 * (dx**2 + dy**2) / sigma_px**2), 0.0)
     terms = np.stack([np.ones(dx.shape), dx, dy], axis=1)
     matrix = np.einsum("nk,ki,kj->nij", weights, terms, terms, optimize=True)
     # A small ridge on the slopes, for lopsided neighbourhoods.

@@ -25,6 +25,9 @@ CANONICAL_DISTANCE_M = float(frontal_pose()[2, 3])
 MAX_HOLE_PX = 3
 """Half of the largest hole that is filled in the canonical picture [pixel]."""
 
+STEP_M = 0.01
+"""Heights round a hole that differ by more are of two surfaces, the farther of which goes on behind the nearer one."""
+
 MOST_PIN_SHIFT, MOST_RADIUS_OFF, LEAST_SQUARE = 0.01, 0.0101, 0.9
 """What of a 0.5 m sample's set-up may be off before an estimate is told to be doubtful [m, m, edge over edge]; magnets
 that hold a point are none."""
@@ -61,6 +64,8 @@ def put_up_otherwise(setup: Setup) -> tuple[str, ...]:
     usual = scale * nominal.pin_radius_m
     if abs(setup.pin_radius_m - usual) > MOST_RADIUS_OFF * scale:
         found.append(f"magnets hold {1e3 * setup.pin_radius_m:.0f} mm round a corner, not {1e3 * usual:.0f}")
+    if not setup.panel:
+        found.append("no panel stands behind the sample")
     if min(setup.sample_size_m) < LEAST_SQUARE * max(setup.sample_size_m):
         found.append("the sample is not square")
     return tuple(found)
@@ -152,12 +157,15 @@ def _canonical_depth(
     return resample(filled, view, step_share(camera))
 
 
-def fill_holes(height: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Holes of up to twice :data:`MAX_HOLE_PX` filled by the mean of what surrounds them.
+def fill_holes(
+    height: NDArray[np.float32], known: NDArray[np.bool_], unit_m: float = 1.0
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Fill holes of up to twice :data:`MAX_HOLE_PX` by the mean of what surrounds them; at a step the farther surface.
 
     Args:
-        height: a canonical picture in any unit, float32 [256, 256].
+        height: a canonical picture, float32 [256, 256].
         known: where it says something, bool, same shape.
+        unit_m: of the heights [m].
 
     Returns:
         The filled picture, and where it says something now.
@@ -173,7 +181,33 @@ def fill_holes(height: NDArray[np.float32], known: NDArray[np.bool_]) -> tuple[N
     weight = ndimage.gaussian_filter(known.astype(np.float32), 0.7 * MAX_HOLE_PX, truncate=3.0)
     total = ndimage.gaussian_filter(np.where(known, height, np.float32(0.0)), 0.7 * MAX_HOLE_PX, truncate=3.0)
     filled = np.where(holes & (weight > 1e-6), total / np.maximum(weight, np.float32(1e-6)), height)
+    _fill_behind(filled, height, known, holes, STEP_M / unit_m)
     return filled.astype(np.float32), known | (holes & (weight > 1e-6))
+
+
+def _fill_behind(
+    filled: NDArray[np.float32],
+    height: NDArray[np.float32],
+    known: NDArray[np.bool_],
+    holes: NDArray[np.bool_],
+    step: float,
+) -> None:
+    """At holes beside a step: the mean of what is known of the farther surface within reach.
+
+    A step is a gap in the heights around; on a slope they have none.
+    """
+    reach = 2 * MAX_HOLE_PX
+    row, column = np.nonzero(holes)
+    dy, dx = (offset.ravel() for offset in np.mgrid[-reach : reach + 1, -reach : reach + 1])
+    values = np.pad(height, reach)[row[:, None] + reach + dy, column[:, None] + reach + dx].astype(np.float64)
+    there = np.pad(known, reach)[row[:, None] + reach + dy, column[:, None] + reach + dx]
+    low = np.where(there, values, np.inf).min(axis=1)
+    high = np.where(there, values, -np.inf).max(axis=1)
+    far = there & (values < 0.5 * (low + high)[:, None])
+    gap = np.where(there & ~far, values, np.inf).min(axis=1) - np.where(far, values, -np.inf).max(axis=1)
+    weights = far * np.exp(-0.5 * (dx**2 + dy**2) / (0.7 * MAX_HOLE_PX) ** 2)
+    beside = (high - low > step) & (gap > step)
+    filled[row[beside], column[beside]] = (weights * values)[beside].sum(axis=1) / weights[beside].sum(axis=1)
 
 
 def _same_optics(camera: Camera) -> bool:

@@ -25,9 +25,9 @@ MAX_PIN_ERROR = 0.2
 UNSEEN_CORNER_M = 0.003
 """How far below a pin the cloth begins to stand out of the panel, on average over simulated and open captures [m]."""
 
-SUSPECT_M, TURNED_SHARE = 0.015, 0.4
-"""Where hanging corners lie further from the pins [m], a camera on its side or upside down is thought of; it is taken
-for one where that leaves less than this share."""
+SUSPECT, TURNED_SHARE = 0.03, 0.4
+"""Where hanging corners lie further from the pins than this share of the sample's size, a camera on its side or upside
+down is thought of; it is taken for one where that leaves less than this share."""
 _UPRIGHT = np.array([0.0, -1.0, 0.0])
 _ON_A_SIDE = tuple(np.array(up) for up in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))
 """Where the sample's top may lie, in the camera's frame."""
@@ -90,7 +90,8 @@ def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) ->
     whole = ndimage.binary_closing(np.pad(region.standing, 4), iterations=3)[4:-4, 4:-4] & (filled > 0.0)
     points = camera.back_project(filled)[whole | region.standing]
     found = _register(depth, camera, setup, region, points, _UPRIGHT)
-    if found.pin_error_m is not None and setup.scene is Scene.HANGING and found.pin_error_m > SUSPECT_M:
+    suspect = SUSPECT * max(setup.sample_size_m)
+    if found.pin_error_m is not None and setup.scene is Scene.HANGING and found.pin_error_m > suspect:
         found = _turned(found, [_register(depth, camera, setup, region, points, up) for up in _ON_A_SIDE])
     if found.pin_error_m is not None and found.pin_error_m > MAX_PIN_ERROR * max(setup.sample_size_m):
         raise InputError(
@@ -230,12 +231,16 @@ def rigid_fit(
 def _hanging_pose(
     corners: dict[str, NDArray[np.float64]], expected: dict[str, NDArray[np.float64]], centre: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """x along the pins, the centre of mass straight below them."""
+    """x along the pins, turned back by what the set-up turns them, the centre of mass straight below them."""
     left, right = corners["top_left"], corners["top_right"]
+    across = expected["top_right"] - expected["top_left"]
     x = (right - left) / np.linalg.norm(right - left)
     middle = 0.5 * (left + right)
     down = (centre - middle) - ((centre - middle) @ x) * x
     y = -down / np.linalg.norm(down)
+    length = math.hypot(across[0], across[1])
+    cos, sin = across[0] / length, across[1] / length
+    x, y = cos * x - sin * y, sin * x + cos * y
     rotation = np.stack([x, y, np.cross(x, y)], axis=1)
     pose = np.eye(4)
     pose[:3, :3] = rotation

@@ -63,11 +63,11 @@ def resample(depth: NDArray[np.floating], view: View, step: float) -> NDArray[np
     with np.errstate(invalid="ignore"):
         near = (np.abs(x - target.cx) < target.cx + _MAX_SPAN_PX) & (np.abs(y - target.cy) < target.cy + _MAX_SPAN_PX)
     usable = near & (depth > 0.0)
-    corners, open_cells = _triangles(usable, depth, step)
+    corners, left_out = _triangles(usable, depth, step)
     nearest = np.zeros(target.height * target.width)
     triangle = tuple([grid.ravel()[k] for k in corners] for grid in (x, y, inverse))
     _draw(triangle[0], triangle[1], triangle[2], target, nearest)
-    _draw_borders(depth, usable, open_cells, view, nearest)
+    _draw_borders(depth, usable, left_out, view, nearest)
     with np.errstate(divide="ignore"):
         seen = np.where(nearest > 0.0, 1.0 / nearest, 0.0)
     return seen.reshape(target.height, target.width).astype(np.float32)
@@ -76,16 +76,22 @@ def resample(depth: NDArray[np.floating], view: View, step: float) -> NDArray[np
 def _draw_borders(
     depth: NDArray[np.floating],
     usable: NDArray[np.bool_],
-    open_cells: NDArray[np.bool_],
+    left_out: NDArray[np.bool_],
     view: View,
     nearest: NDArray[np.float64],
 ) -> None:
-    """In cells without triangles, bool [H - 1, W - 1], draw the quarter next to each pixel at that pixel's depth."""
-    height, width = open_cells.shape
+    """Draw what no triangle covers of the quarter of a cell next to each pixel, at that pixel's depth.
+
+    Args:
+        left_out: by corner (:func:`_corner`), cells in which no triangle has it, bool [4, H - 1, W - 1].
+    """
     directions = view.directions
     for down in (0, 1):
         for right in (0, 1):
-            row, column = np.nonzero(open_cells & usable[down : down + height, right : right + width])
+            own_corner, beside, under = 2 * down + right, 2 * down + 1 - right, 2 * (1 - down) + right
+            own_out = left_out[own_corner]
+            towards_side, towards_below = own_out | left_out[beside], own_out | left_out[under]
+            row, column = np.nonzero((towards_side | towards_below) & _corner(usable, own_corner))
             own = directions[row + down, column + right]
             across = 0.5 * (own + directions[row + down, column + 1 - right])
             below = 0.5 * (own + directions[row + 1 - down, column + right])
@@ -93,15 +99,16 @@ def _draw_borders(
             middle = 0.5 * across + 0.25 * other
             z = depth[row + down, column + right]
             a, b, c, d = (view.see(ray, z) for ray in (own, across, below, middle))
-            for corners in ((a, b, d), (a, d, c)):
-                x, y, inverse = ([corner[k] for corner in corners] for k in range(3))
+            for corners, wanted in (((a, b, d), towards_side), ((a, d, c), towards_below)):
+                here = wanted[row, column]
+                x, y, inverse = ([corner[k][here] for corner in corners] for k in range(3))
                 _draw(x, y, inverse, view.target, nearest)
 
 
 def _triangles(
     valid: NDArray[np.bool_], depth: NDArray[np.floating], step: float
 ) -> tuple[tuple[NDArray[np.int64], ...], NDArray[np.bool_]]:
-    """Three corner indices, each int64 [T], and the cells without any triangle, bool [H - 1, W - 1].
+    """Three corner indices, each int64 [T], and by corner the cells where no triangle has it, bool [4, H - 1, W - 1].
 
     Two triangles where all pixels of a cell are valid and joined, one where three are.
     """
@@ -113,20 +120,22 @@ def _triangles(
     rising = ~falling & vb & vc
     right, below = 1, depth.shape[1]
     parts: list[tuple[NDArray[np.int64], ...]] = []
-    empty = np.ones(a.shape, dtype=np.bool_)
-    for mask, depths, steps in (
-        (falling & vc, (za, zc, zd), (0, below, below + right)),
-        (falling & vb, (za, zd, zb), (0, below + right, right)),
-        (rising & va, (za, zc, zb), (0, below, right)),
-        (rising & vd, (zb, zc, zd), (right, below, below + right)),
+    left_out = np.ones((4, *a.shape), dtype=np.bool_)
+    z, offsets = (za, zb, zc, zd), (0, right, below, below + right)
+    for mask, members in (
+        (falling & vc, (0, 2, 3)),
+        (falling & vb, (0, 3, 1)),
+        (rising & va, (0, 2, 1)),
+        (rising & vd, (1, 2, 3)),
     ):
+        depths = [z[k] for k in members]
         farthest = np.maximum(np.maximum(depths[0], depths[1]), depths[2])
         closest = np.minimum(np.minimum(depths[0], depths[1]), depths[2])
         drawn = mask & (farthest - closest <= step * farthest)
-        empty &= ~drawn
+        left_out[list(members)] &= ~drawn
         first = a[drawn]
-        parts.append(tuple(first + step for step in steps))
-    return tuple(np.concatenate([part[k] for part in parts]) for k in range(3)), empty
+        parts.append(tuple(first + offsets[k] for k in members))
+    return tuple(np.concatenate([part[k] for part in parts]) for k in range(3)), left_out
 
 
 def _corner(grid: NDArray[T], k: int) -> NDArray[T]:

@@ -181,7 +181,10 @@ def _foreground(depth: Depth, camera: Camera, setup: Setup) -> NDArray[np.bool_]
         low, high = np.percentile(member, 1, axis=0), np.percentile(member, 99, axis=0)
         across, down = (high - low)[:2]
         seen_sizes.append(f"{across:.2f} x {down:.2f} m")
-        fits = 0.3 * width < across < 1.5 * width + 0.1 and 0.3 * height < down < 1.5 * height + 0.1
+        fits = any(  # the camera may be on its side
+            0.3 * a < across < 1.5 * a + 0.1 and 0.3 * b < down < 1.5 * b + 0.1
+            for a, b in ((width, height), (height, width))
+        )
         distance = float(np.median(member[:, 2]))
         if fits and distance < best_distance:
             best, best_distance = int(label), distance

@@ -68,6 +68,7 @@ def renders_from_store(store: Store, material: int) -> StoredRenders:
     mesh = _mesh(layout.vertex_count)
     scenes: dict[Scene, list[DrapeRender]] = {Scene.parse(name): [] for name in layout.scenes}
     failed: list[str] = []
+    usable: list[int] = []
     for simulation in range(layout.simulations):
         found, place, jitter = layout.address(simulation)
         if found != material:
@@ -75,6 +76,7 @@ def renders_from_store(store: Store, material: int) -> StoredRenders:
         row = simulation * layout.pictures
         status = RowStatus(int(store.status[row]))
         if status is RowStatus.OK:
+            usable.append(row)
             scenes[Scene.parse(layout.scenes[place])].append(render_vertices(store.vertices(simulation), mesh))
         else:
             failed.append(f"{layout.scenes[place]} {jitter}: {status.label} {store.reason[row]}".strip())
@@ -84,8 +86,7 @@ def renders_from_store(store: Store, material: int) -> StoredRenders:
             f"material {material} has no usable drape in {', '.join(empty)} ({'; '.join(failed)})",
             code="material_failed",
         )
-    first = material * len(layout.scenes) * layout.jitters * layout.pictures
-    return StoredRenders(FabricParameters.from_array(store.parameters[first]), scenes, failed)
+    return StoredRenders(FabricParameters.from_array(store.parameters[usable[0]]), scenes, failed)
 
 
 def _mesh(vertex_count: int) -> GridMesh:

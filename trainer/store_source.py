@@ -95,7 +95,8 @@ class StoreSource:
             here = tilts == tilt
             heights[here] = _heights(counts[here], float(tilt), self.inclinations == "as_seen")
         for picture in np.flatnonzero((counts == 0).any(axis=(1, 2))):  # a sensor's holes, closed as a capture's are
-            heights[picture] = np.rint(fill_holes(heights[picture].astype(np.float32), counts[picture] > 0)[0])
+            seen, known = heights[picture].astype(np.float32), counts[picture] > 0
+            heights[picture] = np.rint(fill_holes(seen, known, 1.0 / _COUNTS_PER_M)[0])
         return torch.from_numpy(heights)
 
 

@@ -15,6 +15,7 @@ from scipy import ndimage
 from capture.normalise import (
     CANONICAL_DISTANCE_M,
     bending_scale,
+    fill_holes,
     length_scale,
     normalise_depth,
     put_up_otherwise,
@@ -22,7 +23,7 @@ from capture.normalise import (
 )
 from capture.resample import View, resample
 from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose, ray_directions
-from renderer.depth import panel_depth
+from renderer.depth import panel_depth, render_depth
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
 from tests.capture.sheets import CAMERA, Sheet, make_sheet, turned_pose, with_noise
@@ -79,6 +80,31 @@ def test_a_drape_seen_from_elsewhere_is_the_same_drape(scene: Scene, camera: Cam
     assert seen.mask.mean() > 0.99
     assert np.sqrt(np.mean(error[inner] ** 2)) < 0.15
     assert np.median(np.abs(error)) < 0.02
+
+
+@pytest.mark.parametrize("angle", [10.0, 30.0, 45.0])  # at 0 all of an edge falls on one side of a pixel
+@pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (1.0, -6.0, 2.0)], ids=["frontal", "turned"])
+def test_a_silhouette_is_as_high_as_one_of_its_sides(angle: float, turned: tuple[float, float, float]) -> None:
+    """A square 50 mm before the panel: what it hides from one camera and not from the other is panel, no ramp."""
+    half = 0.15 * np.sqrt(2.0)
+    around = np.radians(angle + 45.0 + 90.0 * np.arange(4))
+    corners = np.stack([half * np.cos(around), half * np.sin(around) - 0.25, np.full(4, 0.05)], axis=1)
+    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+    pose = turned_pose(turned)
+    seen = normalise_depth(render_depth(corners, faces, FINE, pose), FINE, pose, Setup.nominal("hanging"))
+    truth = CANONICAL_DISTANCE_M - render_depth(corners, faces, CANONICAL_CAMERA, frontal_pose())
+    assert not ((seen.height > 0.005) & (seen.height < 0.045)).any()
+    stands = truth > 0.025
+    outline = stands & ~ndimage.binary_erosion(stands)
+    assert ((seen.height > 0.025) != stands).sum() < 0.5 * outline.sum()  # half a pixel
+
+
+def test_a_slope_is_no_step() -> None:
+    height = np.fromfunction(lambda v, u: 0.004 * u, (256, 256)).astype(np.float32)  # 4 mm a pixel
+    known = np.ones(height.shape, dtype=bool)
+    known[100:103, 100:103] = False
+    filled, whole = fill_holes(np.where(known, height, np.float32(0.0)), known)
+    assert whole.all() and np.abs(filled - height).max() < 0.004
 
 
 def test_noise_and_holes_stay_small(hanging: Sheet) -> None:
@@ -174,6 +200,7 @@ def test_how_a_sample_is_put_up_otherwise_is_told(scene: str) -> None:
     assert put_up_otherwise(nominal) == put_up_otherwise(close) == ()
     assert put_up_otherwise(replace(nominal, pin_radius_m=0.0)) == ()
     assert put_up_otherwise(Setup.nominal(scene, sample_size_m=(0.25, 0.25))) == ()
+    assert put_up_otherwise(replace(nominal, panel=False)) == ("no panel stands behind the sample",)
     assert "20 mm from the nominal ones" in put_up_otherwise(pulled)[0]
     assert "30 mm round a corner, not 10" in put_up_otherwise(replace(nominal, pin_radius_m=0.03))[0]
     assert put_up_otherwise(Setup.nominal(scene, sample_size_m=(0.5, 0.4))) == ("the sample is not square",)

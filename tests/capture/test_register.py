@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -193,6 +194,48 @@ def test_a_moved_camera_keeps_its_poses_and_failures_are_raised() -> None:
 
     with pytest.raises(InputError, match="no corners"):
         share_pose([Scene.HANGING], [fails])
+
+
+def test_a_capture_from_elsewhere_keeps_its_own_pose_where_that_fits_its_pins() -> None:
+    still, moved = turned_pose((1.0, 2.0, 0.0)), turned_pose((1.0, 2.0, 0.0), aim=(0.1, -0.25, 0.0))
+    for error_m, kept in ((0.004, moved), (0.05, still)):  # its pins found, or badly
+        votes = [replace(registration(pose), pin_error_m=e) for pose, e in ((still, 0.004),) * 2 + ((moved, error_m),)]
+        shared = share_pose([Scene.HANGING] * 3 + [Scene.STRETCH], [lambda v=v: v for v in [*votes, votes[0]]])
+        for one, expected in zip(shared, (still, still, kept, still), strict=True):
+            np.testing.assert_allclose(one.camera_from_panel, expected, atol=1e-9)
+        assert "2 gave its pose" in shared[0].assumed[-1]
+        assert ("stood elsewhere" in shared[2].assumed[-1]) is (kept is moved)
+
+
+def test_pins_that_are_not_level_do_not_tilt_the_panel(hanging: Sheet) -> None:
+    level = hanging.setup
+    tilted = level.with_pins(top_left=(-0.2, 0.01, 0.0), top_right=(0.2, -0.01, 0.0))
+    straight = replace(hanging, vertices=hanging.vertices * (1.0, 1.0, 0.0) + _swing(hanging.vertices))
+    turn = np.arctan2(0.02, 0.4)
+    pose = turned_pose((0.0, 0.0, 0.0))
+    found = find(straight, pose, replace(level, panel=False), panel=False, noise_m=0.0)
+    other = find(straight, pose, replace(tilted, panel=False), panel=False, noise_m=0.0)
+    motion = invert_pose(other.camera_from_panel) @ found.camera_from_panel
+    assert np.arctan2(motion[1, 0], motion[0, 0]) == pytest.approx(-turn, abs=1e-3)
+
+
+def test_a_tall_sample_before_a_camera_on_its_side_is_cloth(hanging: Sheet) -> None:
+    tall = replace(hanging, vertices=hanging.vertices * (0.8, 1.6, 0.8))
+    setup = Setup.nominal(Scene.HANGING, sample_size_m=(0.4, 0.8), panel=False)
+    pose = turned_pose((0.0, 0.0, -90.0), distance_m=1.4, aim=(0.0, -0.4, 0.0))
+    depth = tall.depth(CAMERA, pose, panel=False)
+    assert (segment_cloth(depth, CAMERA, setup).mask == (depth > 0.0)).mean() > 0.99
+
+
+def test_edges_found_outside_of_where_they_were_looked_for_are_refused(
+    stretched: Sheet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "scipy.optimize.minimize", lambda cost, first, **how: SimpleNamespace(x=first + np.array([9.0, 0.0, 0.0]))
+    )
+    with pytest.raises(InputError, match="add a hanging picture") as caught:
+        find(stretched, turned_pose((0.0, 0.0, 0.0)), stretched.setup, panel=True)
+    assert caught.value.code == "pins_not_found"
 
 
 def test_a_set_without_a_pose_is_prepared(make_set: MakeSet) -> None:

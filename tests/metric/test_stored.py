@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -90,6 +91,17 @@ def test_from_a_store(store: Store) -> None:
     distance = drape_distance(found.scenes, other.scenes, get_backend("depth"))
     assert distance.distance > 0
     assert distance.standard_error is None  # one repeat on one side
+
+
+def test_parameters_are_those_of_a_usable_row(store: Store) -> None:
+    status, parameters = store.status.copy(), store.parameters.copy()
+    status[0], parameters[0] = RowStatus.MISSING, 0.0  # its shard is not finished
+    stub = SimpleNamespace(
+        layout=store.layout, status=status, reason=store.reason, parameters=parameters, vertices=store.vertices
+    )
+    found = renders_from_store(stub, 0)  # type: ignore[arg-type]  # all that is read of it
+    assert found.fabric == renders_from_store(store, 0).fabric
+    assert len(found.scenes[Scene.HANGING]) == 1 and found.failed == ["hanging 0: missing"]
 
 
 def test_what_the_store_does_not_hold(store: Store) -> None:
