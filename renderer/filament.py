@@ -119,7 +119,7 @@ class FilamentProcess:
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the child, closed with it
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         self._child = subprocess.Popen(
-            [sys.executable, "-m", "renderer.filament_worker", *map(str, size)],
+            [sys.executable, "-P", "-m", "renderer.filament_worker", *map(str, size)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,

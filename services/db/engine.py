@@ -6,15 +6,17 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, text
+from sqlalchemy import ColumnElement, Connection, DateTime, Engine, create_engine, event, func, text
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, InternalError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.orm import Session
 
+from services.db.base import utc_now
 from simcore.errors import InputError, MissingResourceError
 
 DATABASE_AWAY = (OperationalError, InternalError, PoolTimeoutError)
@@ -90,6 +92,11 @@ class Database:
         """For logs: without the password, wherever it stands."""
         return self.url.difference_update_query(["password"]).render_as_string(hide_password=True)
 
+    @property
+    def now(self) -> datetime | ColumnElement[datetime]:
+        """The present as those see it who share the database: a server's clock, not that of this machine."""
+        return utc_now() if self.is_sqlite else func.clock_timestamp(type_=DateTime(timezone=True))
+
     @contextmanager
     def read(self) -> Iterator[Session]:
         """A session that only reads; objects stay usable after it."""
@@ -121,6 +128,15 @@ class Database:
     def close(self) -> None:
         """Close the pooled connections."""
         self.engine.dispose()
+
+
+def in_turn(session: Session, key: int) -> None:
+    """Let transactions of one kind pass one after the other, so that they are seen in the order of their numbers.
+
+    SQLite has one writer at a time anyway.
+    """
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": key})
 
 
 def _server_engine(url: URL) -> Engine:

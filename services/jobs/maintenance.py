@@ -6,7 +6,6 @@ from datetime import timedelta
 
 from sqlalchemy import delete, select
 
-from services.db.base import utc_now
 from services.db.engine import Database
 from services.db.idempotency import IdempotencyRecord
 from services.db.jobs import Job, JobFile, JobStatus
@@ -14,7 +13,7 @@ from services.db.jobs import Job, JobFile, JobStatus
 
 def purge(database: Database, *, jobs_after_days: float, answers_after_hours: float) -> None:
     """Remove ended jobs and remembered answers past their time, and inputs of jobs that have ended."""
-    now = utc_now()
+    now = database.now
     final = [status.value for status in JobStatus if status.final]
     ended = select(Job.number).where(Job.status.in_(final))
     old = ended.where(Job.finished_at < now - timedelta(days=jobs_after_days))

@@ -68,7 +68,7 @@ class JobQueue:
 
     def beat(self, worker: str) -> None:
         """Say that a worker is alive."""
-        now = utc_now()
+        now = self._database.now
         with self._database.write() as session:
             if not _rows(session, update(Worker).where(Worker.id == worker).values(seen_at=now)):
                 session.add(Worker(id=worker, started_at=now, seen_at=now))
@@ -83,7 +83,7 @@ class JobQueue:
         with self._database.read() as session:  # an idle worker takes no lock
             if session.scalar(select(Job.number).where(Job.status == JobStatus.QUEUED).limit(1)) is None:
                 return None
-        now = utc_now()
+        now = self._database.now
         # PostgreSQL skips rows that others are about to take; SQLite has one writer at a time.
         oldest = (
             select(Job.number)
@@ -125,7 +125,7 @@ class JobQueue:
         Returns:
             True to go on, False when the job is to be cancelled, None when the lease is lost.
         """
-        changes: dict[str, Any] = {"lease_expires_at": utc_now() + self._lease}
+        changes: dict[str, Any] = {"lease_expires_at": self._database.now + self._lease}
         if progress is not None:
             changes["progress"] = min(1.0, max(0.0, progress))
         if message is not None:
@@ -163,7 +163,7 @@ class JobQueue:
 
     def reap(self) -> int:
         """Take jobs from workers that fell silent; returns how many."""
-        now = utc_now()
+        now = self._database.now
         silent = and_(Job.status == JobStatus.RUNNING, Job.lease_expires_at < now)
         ended = {"finished_at": now, "worker": None, "lease_expires_at": None}
         problem = {"code": "job_crashed", "detail": self._gave_up()}
@@ -177,7 +177,7 @@ class JobQueue:
         return count
 
     def _end(self, claim: Claim, files: Sequence[FileContent], **changes: Any) -> bool:
-        ended = {"finished_at": utc_now(), "worker": None, "lease_expires_at": None, **changes}
+        ended = {"finished_at": self._database.now, "worker": None, "lease_expires_at": None, **changes}
         with self._database.write() as session:
             if not _rows(session, update(Job).where(_held(claim)).values(**ended)):
                 return False

@@ -62,7 +62,7 @@ class Alone:
 def _elsewhere(mesh: GridMesh, requests: Sequence[Request], time_limit_s: float | None) -> list[Drape]:
     """Drapes of one process, which tells on standard error what it fails of."""
     done = subprocess.run(
-        [sys.executable, "-m", "simcore.batch.alone"],
+        [sys.executable, "-P", "-m", "simcore.batch.alone"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         input=pickle.dumps((mesh, requests, time_limit_s)),
         stdout=subprocess.PIPE,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import select, text
 
-from services.db.engine import Database
+from services.db.engine import Database, in_turn
 from services.db.jobs import Job
 from services.db.migrate import is_current, upgrade
 from services.db.models import Base
@@ -82,6 +84,46 @@ def test_a_row_held_by_another_is_skipped(database: Database) -> None:
         claim = queue.claim("w")  # does not wait for the lock
         assert claim is not None
         assert claim.id != held.id
+
+
+def test_a_worker_whose_clock_is_wrong_takes_no_jobs_from_others(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    upgrade(database)
+    add(database, 1)
+    queue = JobQueue(database, lease_s=30, max_attempts=3)
+    claim = queue.claim("right")
+    assert claim is not None
+    for module in ("services.db.base", "services.db.engine", "services.jobs.queue"):
+        monkeypatch.setattr(f"{module}.utc_now", lambda: datetime.now(UTC) + timedelta(hours=1))
+    queue.beat("ahead")
+    assert queue.reap() == 0
+    assert queue.renew(claim) is True and queue.succeed(claim, {})
+
+
+def test_what_is_added_in_turn_is_seen_in_the_order_of_its_numbers(database: Database) -> None:
+    upgrade(database)
+    first_is_in, seen = threading.Event(), []
+
+    def first() -> None:
+        with database.write() as session:
+            in_turn(session, 1)
+            enqueue(session, "dataset", {})
+            first_is_in.set()
+            time.sleep(0.5)
+            seen.append("first")
+
+    def second() -> None:
+        first_is_in.wait()
+        with database.write() as session:
+            in_turn(session, 1)
+            enqueue(session, "dataset", {})
+            seen.append("second")
+
+    with ThreadPoolExecutor(2) as pool:
+        for task in (pool.submit(first), pool.submit(second)):
+            task.result()
+    assert seen == ["first", "second"]
 
 
 def test_leases_and_cancelling(database: Database) -> None:

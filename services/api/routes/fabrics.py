@@ -30,10 +30,13 @@ from services.api.problems import ProblemError
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.db.base import utc_now
+from services.db.engine import in_turn
 from services.db.fabrics import Fabric
 from services.patterns import NO_NUL, PRINTABLE
 
 router = APIRouter(prefix="/v1/fabrics", tags=["fabrics"])
+FABRICS_LOCK = 0x66616272
+"""Under which fabrics are added one after the other (the letters 'fabr')."""
 State = Annotated[ServiceState, Depends(get_state)]
 Reader = Annotated[Caller, Depends(require(ApiScope.FABRICS_READ))]
 Writer = Annotated[Caller, Depends(require(ApiScope.FABRICS_WRITE))]
@@ -59,6 +62,7 @@ def create_fabric(
     once = Once(state.database, caller, idempotency_key, fingerprint("fabrics", content), hours)
 
     def make(session: Session) -> Answer:
+        in_turn(session, FABRICS_LOCK)  # who reads on from a number must have seen all before it
         _require_free(session, fabric.plm_ref, but=0)
         row = Fabric()
         fill(row, fabric)

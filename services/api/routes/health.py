@@ -17,7 +17,6 @@ from services.api.documented import problems
 from services.api.model_folder import find_model
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
-from services.db.base import utc_now
 from services.db.engine import DATABASE_AWAY
 from services.db.jobs import Worker
 from services.db.migrate import is_usable
@@ -60,7 +59,7 @@ def readyz(state: State) -> JSONResponse:
     try:
         database = "ok" if is_usable(state.database) else "not_migrated"
         if database == "ok":
-            recent = utc_now() - timedelta(seconds=state.settings.job_lease_s)
+            recent = state.database.now - timedelta(seconds=state.settings.job_lease_s)
             with state.database.read() as session:
                 workers = len(session.scalars(select(Worker.id).where(Worker.seen_at > recent)).all())
     except (DBAPIError, *DATABASE_AWAY):
