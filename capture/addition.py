@@ -82,7 +82,7 @@ def with_capture(folder: Path, new: NewCapture, camera: Camera) -> CaptureSetDoc
     """
     _check_name(new.fabric)
     there = _read(folder)
-    entry = _entry(folder, new, there)
+    entry = _entry(new, there)
     if there is None:
         base: dict[str, Any] = {
             "format": FORMAT,
@@ -134,7 +134,7 @@ def _read(folder: Path) -> CaptureSetDocument | None:
     return None
 
 
-def _entry(folder: Path, new: NewCapture, there: CaptureSetDocument | None) -> dict[str, Any]:
+def _entry(new: NewCapture, there: CaptureSetDocument | None) -> dict[str, Any]:
     """The capture's entry: an id and a picture that the set does not have yet."""
     captures = () if there is None else there.captures
     ids = {capture.id for capture in captures}

@@ -76,7 +76,7 @@ def share_pose(scenes: Sequence[Scene], alone: Sequence[Callable[[], Registratio
     agreeing = sum(_near(vote.camera_from_panel, pose) for vote in votes.values())
     still = f"the camera stood still over {len(scenes) - len(apart)} captures; {agreeing} gave its pose"
     elsewhere = f"the camera stood elsewhere than for most of the set's {len(scenes)} captures: so its picture says"
-    example = replace(next(iter(votes.values())), pins_found_m={}, pin_error_m=None)
+    example = replace(next(iter(votes.values())), pin_error_m=None)
     shared = []
     for i in range(len(scenes)):
         own = votes.get(i, example)

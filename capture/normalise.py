@@ -42,7 +42,7 @@ class NetworkInput:
             ``frontal_pose()``; 0 where nothing is known and where there is no panel behind the cloth.
         mask: cloth or panel was seen there (or a small hole was filled), bool [256, 256].
         scene: which scene.
-        length_scale: sample size over 0.5 m. All lengths were divided by it, see :func:`stretch_scale`.
+        length_scale: sample size over 0.5 m. All lengths were divided by it.
         otherwise: in words, how the sample is put up otherwise than nominally (:func:`put_up_otherwise`).
     """
 
@@ -72,24 +72,12 @@ def put_up_otherwise(setup: Setup) -> tuple[str, ...]:
 
 
 def length_scale(setup: Setup) -> float:
-    """The factor by which a set-up is larger than the canonical sample: its longer edge over 0.5 m."""
+    """The factor by which a set-up is larger than the canonical sample: its longer edge over 0.5 m.
+
+    What is estimated on a scaled picture is converted back by :func:`trainer.targets.similarity_shift`.
+    """
     scale = max(setup.sample_size_m) / CANONICAL_SAMPLE_M
     return 1.0 if abs(scale - 1.0) < 1e-9 else scale
-
-
-def stretch_scale(scale: float) -> float:
-    """Stretch stiffness of the real sample over that of the equivalent 0.5 m sample, of equal density.
-
-    The shape at rest depends on k/(rho g L) and B/(rho g L^3) only (and on the strains' own scale): a sample ``scale``
-    times as large looks the same, all lengths divided by ``scale``, as a 0.5 m sample of the same density with
-    k/scale and B/scale^3. An estimate made on a scaled picture is therefore multiplied by this factor.
-    """
-    return scale
-
-
-def bending_scale(scale: float) -> float:
-    """Bending rigidity of the real sample over that of the equivalent 0.5 m sample (see :func:`stretch_scale`)."""
-    return scale**3
 
 
 def normalise_depth(

@@ -51,22 +51,20 @@ class Registration:
         camera_from_panel: float64 [4, 4].
         method: ``given``, ``panel_and_pins`` (hanging, panel seen), ``panel_and_edges`` (stretch, panel seen),
             ``hanging_pins`` or ``three_pins`` (no panel seen).
-        pins_found_m: the sample's pinned corners as seen, in the panel frame found, by name.
-        pin_error_m: root mean square distance between them and the pins of the set-up; None where the pose did not
-            come from this picture's corners.
+        pin_error_m: root mean square distance between the corners as seen and the pins of the set-up; None where the
+            pose did not come from this picture's corners.
         assumed: what was taken for granted, in words.
     """
 
     camera_from_panel: NDArray[np.float64]
     method: str
-    pins_found_m: dict[str, tuple[float, float, float]]
     pin_error_m: float | None
     assumed: tuple[str, ...]
 
 
 def given_registration(camera_from_panel: NDArray[np.float64]) -> Registration:
     """The pose that a capture set states, taken as it is."""
-    return Registration(check_pose(camera_from_panel), "given", {}, None, ("the pose that the set states is right",))
+    return Registration(check_pose(camera_from_panel), "given", None, ("the pose that the set states is right",))
 
 
 def register(depth: Depth, camera: Camera, setup: Setup, region: ClothRegion) -> Registration:
@@ -147,13 +145,12 @@ def _register(
         ]
     if setup.panel and region.plane is None:
         assumed.append("the panel is hidden: its plane passes through the pins")
+    if method == "panel_and_edges":  # the corners did not count: their cloth lies too close to the panel to be seen
+        return Registration(pose, method, None, tuple(assumed))
     inverse = invert_pose(pose)
     found = {name: inverse[:3, :3] @ corner + inverse[:3, 3] for name, corner in corners.items()}
-    pins = {name: (float(p[0]), float(p[1]), float(p[2])) for name, p in found.items()}
-    if method == "panel_and_edges":  # the corners did not count: their cloth lies too close to the panel to be seen
-        return Registration(pose, method, pins, None, tuple(assumed))
     error = float(np.sqrt(np.mean([np.sum((found[name] - expected[name]) ** 2) for name in found])))
-    return Registration(pose, method, pins, error, tuple(assumed))
+    return Registration(pose, method, error, tuple(assumed))
 
 
 def _first_frame(points: NDArray[np.float64], plane: Plane | None, up: NDArray[np.float64]) -> NDArray[np.float64]:

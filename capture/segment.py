@@ -72,7 +72,7 @@ def segment_cloth(
         InputError: ``cloth_not_found``.
     """
     pose = None if camera_from_panel is None else check_pose(camera_from_panel)
-    noise = noise_m(depth, camera)
+    noise = noise_m(depth)
     plane = find_panel(depth, camera, setup, pose) if setup.panel else None
     standing = _foreground(depth, camera, setup) if plane is None else _in_front(depth, camera, setup, plane, pose)
     mask = standing
@@ -83,7 +83,7 @@ def segment_cloth(
     return ClothRegion(mask, standing, plane, noise, holes)
 
 
-def noise_m(depth: Depth, camera: Camera) -> float:
+def noise_m(depth: Depth) -> float:
     """Standard deviation of depth noise [m] from second differences along rows, robust; 0 if too little is seen."""
     known = depth > 0.0
     triple = known[:, :-2] & known[:, 1:-1] & known[:, 2:]
@@ -101,7 +101,7 @@ def find_panel(depth: Depth, camera: Camera, setup: Setup, pose: NDArray[np.floa
     """
     seen = depth > 0.0
     points = camera.back_project(depth)[seen]
-    noise = noise_m(depth, camera)
+    noise = noise_m(depth)
     tolerance, spread = max(PLANE_TOLERANCE_M, 4.0 * noise), max(LEAST_SPREAD_M, noise)
     if pose is not None:
         guess = refine_plane(points, pose[:3, 2], float(pose[:3, 2] @ pose[:3, 3]), 3.0 * tolerance, spread_m=spread)

@@ -108,7 +108,7 @@ def test_ci_runs_the_same_recipes_as_people(repository: Path) -> None:
         assert re.search(rf"^{recipe}:", makefile, flags=re.MULTILINE), f"no recipe {recipe}"
 
 
-@pytest.mark.parametrize("name", ["system-packages.sh", "find-python.sh", "setup.sh"])
+@pytest.mark.parametrize("name", sorted(path.name for path in (Path(__file__).parents[1] / "scripts").glob("*.sh")))
 def test_scripts_are_executable_and_parse(repository: Path, name: str) -> None:
     script = repository / "scripts" / name
     assert os.access(script, os.X_OK)

@@ -33,7 +33,7 @@ def die(number: int) -> int:
 
 
 def dawdle(number: int) -> int:
-    time.sleep(0 if number == 0 else 60)
+    time.sleep(0 if number == 0 else 3600)
     return number
 
 
@@ -66,7 +66,5 @@ def test_a_dead_worker_is_said() -> None:
 
 def test_workers_stop_at_once_when_nobody_wants_more() -> None:
     results = run_in_processes(dawdle, [0, 1, 2], 2)
-    started = time.monotonic()
     assert next(results) == 0
-    results.close()
-    assert time.monotonic() - started < 30
+    results.close()  # `nobody_left` and the test's time-out say whether they did

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import psutil
 
 COMMAND = [sys.executable, "-c", "from services.cli.main import main; main()"]
 STIFF = {
@@ -77,7 +78,13 @@ class Served:
     def stop(self) -> int:
         """SIGTERM and the exit status."""
         self.process.terminate()
-        return self.process.wait(30)
+        try:
+            return self.process.wait(30)
+        except subprocess.TimeoutExpired:
+            for child in [*psutil.Process(self.process.pid).children(recursive=True), self.process]:
+                child.kill()
+            self.process.wait()
+            raise
 
 
 def environment(folder: Path, **settings: str) -> dict[str, str]:

@@ -133,7 +133,7 @@ def test_unusable_fabrics_are_refused(library: httpx.Client, change: dict[str, A
 
 @pytest.mark.timeout(400)
 def test_search_ranks_the_library_by_drape(client: httpx.Client) -> None:
-    """On the tests' common server, whose worker has compiled already; no other test adds fabrics to it."""
+    """On the tests' common server, whose worker has compiled already; others take back what they add."""
     answer = client.post("/v1/fabrics/search", json={"reference": STIFF, **QUICK})
     job = finished(client, answer.headers["location"])
     assert (job["status"], job["problem"]["code"]) == ("failed", "library_empty")
@@ -161,7 +161,7 @@ def test_a_conflict_with_the_same_request_is_its_first_answer(database: Database
     """The other of two alike was stored between the look for its answer and the look whether the reference is free."""
 
     def once(key: str | None) -> Once:
-        return Once(database, EVERYBODY, key, fingerprint("fabrics", {"n": 1}))
+        return Once(database, EVERYBODY, key, fingerprint("fabrics", {"n": 1}), hours=24.0)
 
     first = once("k").answer(lambda session: Answer(201, {"id": "one"}))
 

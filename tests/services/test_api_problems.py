@@ -37,7 +37,13 @@ def problem(answer: httpx.Response) -> dict[str, Any]:
         ("GET", "/v1/fabrics/fab_unknown", {}, 404, "fabric_not_found"),
         ("GET", "/v1/fabrics?cursor=AAAA", {}, 422, "cursor_invalid"),
         ("GET", "/v1/fabrics?limit=0", {}, 422, "validation_failed"),
-        ("POST", "/v1/drape-distances", {"content": b"{", "headers": {"content-type": "application/json"}}, 422, None),
+        (
+            "POST",
+            "/v1/drape-distances",
+            {"content": b"{", "headers": {"content-type": "application/json"}},
+            422,
+            "validation_failed",
+        ),
         ("POST", "/v1/drape-distances", {"json": {**COMPARE, "a": {**STIFF, "density": -1}}}, 422, "validation_failed"),
         ("POST", "/v1/drape-distances", {"json": {**COMPARE, "extra": 1}}, 422, "validation_failed"),
         (
@@ -63,11 +69,11 @@ def problem(answer: httpx.Response) -> dict[str, Any]:
     ],
 )
 def test_bad_requests_get_a_problem_with_a_code(
-    client: httpx.Client, method: str, path: str, options: dict[str, Any], status: int, code: str | None
+    client: httpx.Client, method: str, path: str, options: dict[str, Any], status: int, code: str
 ) -> None:
     answer = client.request(method, path, **options)
     assert answer.status_code == status, answer.text
-    assert code is None or problem(answer)["code"] == code
+    assert problem(answer)["code"] == code
 
 
 def test_numbers_that_json_does_not_have_are_refused(client: httpx.Client) -> None:
@@ -87,8 +93,9 @@ def test_other_keys_beside_the_seven_are_passed_over(client: httpx.Client) -> No
     """As `fabric-parameters.schema.json` allows them, and the command line does."""
     answer = client.post("/v1/fabrics", json={"name": "noted", "parameters": {**STIFF, "note": "from the mill"}})
     assert answer.status_code == 201, answer.text
+    gone = client.delete(answer.headers["location"], headers={"If-Match": answer.headers["etag"]})
+    assert gone.status_code == 204  # before anything else may fail: others count this server's fabrics
     assert answer.json()["parameters"] == STIFF
-    assert client.delete(answer.headers["location"], headers={"If-Match": answer.headers["etag"]}).status_code == 204
 
 
 def test_validation_problems_name_the_field(client: httpx.Client) -> None:
@@ -102,6 +109,7 @@ def test_a_request_longer_than_allowed_is_refused_whether_announced_or_not(clien
     def chunks() -> Any:
         yield from (long[i : i + 2**18] for i in range(0, len(long), 2**18))
 
+    answered = 0
     for content in (long, chunks()):
         try:
             answer = client.post("/v1/fabrics", content=content, headers={"content-type": "application/json"})
@@ -109,6 +117,8 @@ def test_a_request_longer_than_allowed_is_refused_whether_announced_or_not(clien
             continue  # the server has answered and hung up while we were still sending
         assert problem(answer)["code"] == "request_too_large"
         assert answer.status_code == 413
+        answered += 1
+    assert answered
 
 
 def archive(files: dict[str, bytes]) -> bytes:

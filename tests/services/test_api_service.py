@@ -65,7 +65,9 @@ def test_an_ended_job_cannot_be_cancelled(client: httpx.Client) -> None:
 
 def test_metrics_count_requests_and_jobs(client: httpx.Client) -> None:
     client.get("/healthz")
+    finished(client, client.post("/v1/drape-distances", json={"a": STIFF, "b": STIFF, **QUICK}).headers["location"])
     text = client.get("/metrics").text
+    assert 'drapemeter_jobs{kind="drape_distance",status="succeeded"}' in text
     assert 'drapemeter_requests_total{method="GET",route="/healthz",status="200"}' in text
 
 

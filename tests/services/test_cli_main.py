@@ -189,14 +189,6 @@ def test_a_name_that_is_no_text_is_escaped(
     assert json.loads(capsys.readouterr().out) == {"file": "th\udce9.png", "name": "caf\u00e9"}
 
 
-@pytest.mark.parametrize("name", main.installed_commands())
-def test_every_command_has_help_with_an_example_and_json(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main.run([name, "--help"]) == 0
-    text = capsys.readouterr().out
-    assert "Example" in text
-    assert f"drapemeter {name}" in text
-
-
 def test_the_overview_lists_the_commands_and_imports_nothing_heavy() -> None:
     program = (
         "import sys\n"

@@ -11,9 +11,11 @@ import pytest
 
 from services.dataset.configuration import SweepConfiguration, differences, simulation_seed
 from services.dataset.fabrics import plan_sweep
+from services.dataset.shard import ShardTask, shard_requests
 from simcore.errors import InputError
 from simcore.parameters import PARAMETER_NAMES
 from simcore.prior import FabricPrior
+from simcore.scenes import Scene
 
 FABRICS = FabricPrior.default().sample(range(4))
 
@@ -46,9 +48,18 @@ def test_seeds_are_those_of_the_spawn_key() -> None:
 
 
 def test_one_scene_alone_has_the_seeds_it_has_beside_the_other() -> None:
-    both, _ = plan_sweep(materials=2, jitters=1)
-    alone, _ = plan_sweep(materials=2, jitters=1, scenes=("stretch",))
-    assert alone.layout.simulations * 2 == both.layout.simulations
+    both, fabrics = plan_sweep(materials=2, jitters=1, resolution_m=0.05)
+    alone, _ = plan_sweep(materials=2, jitters=1, resolution_m=0.05, scenes=("stretch",))
+
+    def seeds(configuration: SweepConfiguration) -> set[int]:
+        layout, found = configuration.layout, set()
+        for shard in range(layout.shards):
+            materials = [layout.address(number)[0] for number in layout.shard_simulations(shard)]
+            asked = shard_requests(ShardTask(shard, fabrics.parameters(materials), {}), configuration)
+            found |= {seed for seed, request in asked.items() if request.setup.scene is Scene.STRETCH}
+        return found
+
+    assert seeds(alone) == seeds(both) and len(seeds(both)) == 2
 
 
 def test_a_material_is_the_same_in_any_sweep_of_the_seed() -> None:

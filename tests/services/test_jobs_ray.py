@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,30 +10,20 @@ from pathlib import Path
 import pytest
 
 from tests.services.ports import free_port
+from tests.services.ray_nodes import CLUSTER, head_node, ray_node, wait_for_nodes
 from tests.services.served import QUICK, SOFT, STIFF, finished, serving
-
-RAY = Path(sys.executable).parent / "ray"
-TOKEN = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
 
 
 @pytest.fixture
-def cluster() -> Iterator[str]:
-    """Address of a cluster of one node with one core, a process of its own."""
+def cluster(tmp_path: Path) -> Iterator[str]:
+    """Address of a cluster of one node with one core, processes of its own."""
     port = free_port()
-    folder = tempfile.mkdtemp(prefix="dm-ray-")
-    command = [str(RAY), "start", "--head", "--block", "--node-ip-address=127.0.0.1", f"--port={port}", "--num-cpus=1"]
-    command += ["--include-dashboard=false", f"--temp-dir={folder}", "--object-store-memory=100000000"]
-    env = {**os.environ, **TOKEN, "RAY_USAGE_STATS_ENABLED": "0"}
-    process = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    assert process.stdout is not None
+    folder = tempfile.mkdtemp(prefix="dm-ray-")  # short: sockets lie in it
     try:
-        for line in process.stdout:
-            if "Ray runtime started" in line:
-                break
-        yield f"127.0.0.1:{port}"
+        with ray_node(head_node(port, f"--temp-dir={folder}"), tmp_path / "ray.log") as node:
+            wait_for_nodes(f"127.0.0.1:{port}", node)
+            yield f"127.0.0.1:{port}"
     finally:
-        process.terminate()
-        process.wait(30)
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -50,7 +36,7 @@ def test_a_distance_computed_on_a_cluster_is_the_one_computed_here(cluster: str,
     for options in (("--ray-address", cluster), ()):
         folder = tmp_path / f"with-{len(options)}"
         folder.mkdir()
-        with serving(folder, *options, **TOKEN) as running, running.client() as client:
+        with serving(folder, *options, **CLUSTER) as running, running.client() as client:
             job = finished(client, client.post("/v1/drape-distances", json=body).headers["location"])
         assert job["problem"] is None
         results.append(job["result"])

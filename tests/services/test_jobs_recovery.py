@@ -166,8 +166,12 @@ def test_a_real_job_survives_the_kill_of_its_worker_and_of_its_server(tmp_path: 
         location = started(client)
         os.kill(int(str(served.log("worker_started")["worker"]).split("-")[-2]), signal.SIGKILL)
         assert served.log("worker_died")
-        time.sleep(3)
+        deadline = time.monotonic() + 60
+        while sum(line.get("event") == "worker_started" for line in served.lines) < 2:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
         left = descendants(served)
+        assert left
         served.process.kill()
         served.process.wait()
         _, still = psutil.wait_procs(left, timeout=20)

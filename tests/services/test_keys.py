@@ -129,6 +129,26 @@ def test_a_key_does_what_its_scopes_say_and_no_more(guarded: tuple[Served, Path]
         assert client.get("/metrics").status_code == 403
 
 
+def test_every_route_asks_for_its_own_scope(guarded: tuple[Served, Path]) -> None:
+    served, folder = guarded
+    routes = {
+        "estimates:write": [("POST", "/v1/estimates")],
+        "distances:write": [("POST", "/v1/drape-distances")],
+        "fabrics:read": [("GET", "/v1/fabrics"), ("GET", "/v1/fabrics/fab_x"), ("POST", "/v1/fabrics/search")],
+        "fabrics:write": [("POST", "/v1/fabrics"), ("PUT", "/v1/fabrics/fab_x"), ("DELETE", "/v1/fabrics/fab_x")],
+        "diagnoses:write": [("POST", "/v1/diagnoses")],
+        "datasets:write": [("POST", "/v1/datasets")],
+        "metrics:read": [("GET", "/metrics")],
+    }
+    assert {*routes, "jobs:read", "jobs:write"} == {scope.value for scope in ApiScope}
+    with served.client() as client:
+        for scope, asked in routes.items():
+            others = token(folder, ",".join(sorted({s.value for s in ApiScope} - {scope})))
+            for method, path in asked:
+                answer = client.request(method, path, headers=others)
+                assert (answer.status_code, answer.json()["code"]) == (403, "scope_missing"), (method, path)
+
+
 def test_jobs_belong_to_the_key_that_made_them(guarded: tuple[Served, Path]) -> None:
     served, folder = guarded
     with served.client() as client:

@@ -204,9 +204,3 @@ def test_comparison_of_image_distances(
     assert found["parameters"]["z-score"]["bending"] == 1.0
     assert (out / "shares.png").stat().st_size > 1000
     assert json.loads((out / "comparison.json").read_text()) == found
-
-
-def test_every_subcommand_has_an_example(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("make", "list", "serve", "simulate", "analyse", "export", "compare"):
-        assert run(["study", command, "--help"]) == 0
-        assert f"drapemeter study {command}" in capsys.readouterr().out
