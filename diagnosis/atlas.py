@@ -29,7 +29,7 @@ from diagnosis.simulation.probes import PROBES
 from diagnosis.simulation.simulator import Cost
 from diagnosis.simulation.sizes import nodes, shortcuts
 from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
-from diagnosis.version import RESPONSES_VERSION
+from diagnosis.version import LED_VERSION, PIXELS_VERSION, RESPONSES_VERSION
 from renderer.atomic import write_atomically
 from simcore.errors import InputError
 from simcore.mesh import GridMesh
@@ -190,4 +190,10 @@ def _at_hand(task: FabricTask, cache: DrapeCache) -> bool:
 
 
 def _versions() -> dict[str, Any]:
-    return {"format": FORMAT, "simulation": SOLVER_VERSION, "responses": RESPONSES_VERSION}
+    return {
+        "format": FORMAT,
+        "simulation": SOLVER_VERSION,
+        "responses": RESPONSES_VERSION,
+        "pixels": PIXELS_VERSION,
+        "led": LED_VERSION,
+    }

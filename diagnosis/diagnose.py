@@ -131,7 +131,7 @@ def diagnose(
 
     Raises:
         InputError: captures that cannot be used.
-        SimulationError: simulations that do not come to rest.
+        SimulationError: a fabric cannot be simulated at all; what did not come to rest is told in ``assumed``.
     """
     began = time.monotonic()
     effects = options.chosen()
@@ -147,6 +147,7 @@ def diagnose(
             for result, first in zip(results, before, strict=True):
                 result.cost.add(first.cost)
         assumed += partly_seen({c.id: (c.measured, c.reference) for r in results for c in r.captures})
+        assumed += not_at_rest(results)
         return conclude(
             results,
             effects,
@@ -315,6 +316,20 @@ def _all_alike(noise: NoiseModel) -> NoiseModel:
     return replace(noise, grip_alike=True)
 
 
+def not_at_rest(results: Sequence[FabricResult]) -> list[str]:
+    """In words, fabrics whose nearest simulation is none that came to rest."""
+    found = {
+        (r.task.id, c.scene): c.base.drape.reason or c.base.drape.status.value
+        for r in results
+        for c in r.captures
+        if not c.base.drape.ok
+    }
+    return [
+        f"fabric {name} in {scene} is compared with a simulation that is not at rest ({why}): use a finer --resolution"
+        for (name, scene), why in found.items()
+    ]
+
+
 def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:
     """Fabric by fabric, scene by scene."""
     return [
@@ -363,7 +378,9 @@ def as_likely(cause: Cause, name: str) -> set[str]:
         least = cause.evidence[name].log_evidence - CLOSE
         return {other for other, evidence in cause.evidence.items() if evidence.log_evidence > least}
     beside = next(other for other in cause.named if other != name)
-    least = cause.pair.evidence.log_evidence - CLOSE
+    both = {cause.pair.first, cause.pair.second}  # as weighed: those that were tried are, too
+    own = next((pair for pair in cause.tried if {pair.first, pair.second} == both), cause.pair)
+    least = own.evidence.log_evidence - CLOSE
     near = [pair for pair in cause.tried if pair.evidence.log_evidence > least]
     return {other for pair in near for other in (pair.first, pair.second) if beside in (pair.first, pair.second)}
 
@@ -372,12 +389,11 @@ def _found(cause: Cause, name: str) -> FoundEffect:
     effect = get_effect(name)
     size, interval = dict(cause.size(name)), dict(cause.evidence[name].interval_90)
     if len(cause.named) == 2 and cause.pair is not None:
-        # the pair moves the sizes: intervals keep their widths and move along
+        # the pair moves the sizes: intervals move along
         if name == cause.pair.second:
             interval = dict(cause.pair.evidence.interval_90)
         else:
-            alone = cause.evidence[name].size
-            interval = {k: (a + size[k] - alone[k], b + size[k] - alone[k]) for k, (a, b) in interval.items()}
+            interval = moved_along(interval, cause.evidence[name].size, size)
     scalar = SCALAR in size
     return FoundEffect(
         name=name,
@@ -385,5 +401,17 @@ def _found(cause: Cause, name: str) -> FoundEffect:
         magnitude=size[SCALAR] if scalar else size,
         unit=effect.unit,
         interval_90=interval[SCALAR] if scalar else interval,
-        place={key: value for key, value in size.items() if key != SCALAR} if scalar else {},
+        place={} if effect.random_repeats or not scalar else {k: v for k, v in size.items() if k != SCALAR},
     )
+
+
+def moved_along(
+    interval: Mapping[str, tuple[float, float]], alone: Mapping[str, float], size: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """An interval of a size that turned out to be another: as wide as before, of one number of the same sign in
+    proportion.
+    """
+    if list(interval) == [SCALAR] and alone[SCALAR] * size[SCALAR] > 0.0:
+        low, high = interval[SCALAR]
+        return {SCALAR: (low * size[SCALAR] / alone[SCALAR], high * size[SCALAR] / alone[SCALAR])}
+    return {k: (a + size[k] - alone[k], b + size[k] - alone[k]) for k, (a, b) in interval.items()}

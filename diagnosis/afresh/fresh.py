@@ -346,7 +346,10 @@ def at_state(look: FreshLook, capture: CaptureResult, state: KeyedDrape, near: f
 
 
 def bent(look: FreshLook, capture: CaptureResult, names: Sequence[str]) -> Responses:
-    """Through the outcomes of some effects at all sizes that were simulated so far; of a moved camera at the last."""
+    """Through the outcomes of some effects at all sizes that were simulated so far; of a moved camera at the last.
+
+    What was measured beside others, and by probes, from the same state stays.
+    """
     coarse = look.coarse.setdefault(capture.id, capture.responses)
     effects = dict(coarse.effects)
     for name in names:
@@ -358,7 +361,7 @@ def bent(look: FreshLook, capture: CaptureResult, names: Sequence[str]) -> Respo
         if known:
             rows, pixels = effects[name]
             effects[name] = (bend(effect, rows, known), pixels)
-    return replace(coarse, effects=effects)
+    return replace(coarse, effects=effects, beside=capture.responses.beside, probes=capture.responses.probes)
 
 
 def around(effect: Effect, size: Mapping[str, float]) -> list[Mapping[str, float]]:

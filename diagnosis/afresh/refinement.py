@@ -13,6 +13,7 @@ from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
+from diagnosis.measurement.picture import state_distance
 from diagnosis.tasks.fabric_task import FabricResult
 from diagnosis.workers import ALONE, Workers
 
@@ -78,8 +79,12 @@ class Search:
 
     @classmethod
     def after(cls, looks: Mapping[str, FreshLook], weigh: Weigh, scene: str, workers: Workers) -> Search:
-        """One that goes on where these looks were left: what they have simulated is not simulated again."""
-        seen = {name: list(sizes) for name, sizes in next(iter(looks.values())).sizes.items()}
+        """One that goes on where these looks were left: what all of them have simulated is not simulated again."""
+        first, *others = looks.values()
+        seen = {
+            name: [size for size in sizes if all(size in other.sizes.get(name, []) for other in others)]
+            for name, sizes in first.sizes.items()
+        }
         return cls(weigh, scene, workers, seen)
 
     def rounds(self, looks: Mapping[str, FreshLook]) -> dict[str, FreshLook]:
@@ -96,9 +101,9 @@ class Search:
                 most = LATER_CANDIDATES if number or cloth else CANDIDATES
                 near += [(n, s) for n, s in beside if n not in {name for name, _ in near}][:most]
             wanted = [(n, s) for n, s in self.unseen(near) if number < ROUNDS or moves_camera(n)]
-            if not wanted:
-                break
             through = () if first is None or not moves_camera(first) else ((first, cause.evidence[first].size),)
+            if not wanted:
+                return {key: seen_through(look, through) for key, look in now.items()}
             now = self.simulated(now, wanted, through)
         return now
 
@@ -124,6 +129,21 @@ class Search:
 def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str, through: tuple[Sized, ...]) -> FreshLook:
     look = replace(look, through=through)
     return replace(look, result=freshen(look, wanted, scene))
+
+
+def seen_through(look: FreshLook, through: tuple[Sized, ...]) -> FreshLook:
+    """A look whose cloth is seen as the last leader says: through a camera that it moves, or as stated.
+
+    Distances that were measured through another camera are measured again.
+    """
+    if look.through == through:
+        return look
+    look = replace(look, through=through)
+    depths = {capture.id: capture.depth for capture in look.result.task.captures}
+    captures = tuple(
+        replace(c, rms_m=state_distance(depths[c.id], c.base.drape, look.seen(c))) for c in look.result.captures
+    )
+    return replace(look, result=replace(look.result, captures=captures))
 
 
 def leader(cause: Cause) -> str | None:

@@ -32,11 +32,13 @@ def baseline_answers(found: Diagnosis) -> dict[str, Any]:
         ``names``: by method, the effect that it names; ``mmd_p``: see :func:`mmd_p`, which names nothing.
     """
     blocks = [b for b in found.blocks if b.scene == "stretch"] or list(found.blocks)
-    measured = np.concatenate([b.stated.measured for b in blocks])
+    shape = np.concatenate([b.stated.measured for b in blocks])
+    measured = np.concatenate([shape, found.pixels.measured])  # both in units of their errors
     cosine: dict[str, float] = {}
     left: dict[str, float] = {}
     for name in blocks[0].stated.responses:
-        rows = np.concatenate([b.stated.responses[name] for b in blocks], axis=1)
+        on_cloth = np.concatenate([b.stated.responses[name] for b in blocks], axis=1)
+        rows = np.concatenate([on_cloth, found.pixels.responses[name]], axis=1)
         length = np.linalg.norm(rows, axis=1) + 1e-12
         share = rows @ measured / length
         cosine[name] = float(np.max(share / np.linalg.norm(measured)))

@@ -104,7 +104,7 @@ class Label:
     wrong: tuple[str, float] | None = None
 
     def as_json(self, nonce: str) -> dict[str, Any]:
-        """The sealed document; the nonce keeps its hash from being guessed."""
+        """The sealed document; with the nonce its hash alone does not tell it (the check's seed would)."""
         return {
             "kind": self.kind,
             "effects": [

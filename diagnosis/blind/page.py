@@ -70,7 +70,9 @@ def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: S
         "",
         f"{TRAINED if 'classifier' in score.baselines else ''}"
         "Nearest template: largest cosine between residual and an effect's response. Least "
-        "residual: the effect that leaves least, size free. Most flexible: always `bending_hysteresis`, whose random "
+        "residual: the effect that leaves least, at the best of its simulated sizes. Both see shapes in `stretch` and "
+        "the shared numbers, and not `bending_hysteresis`, which has no response of its own; nor is the classifier "
+        "trained on it. Most flexible: always `bending_hysteresis`, whose random "
         "draws give the most directions (where it is withheld: the effect that explains most at its best size). "
         "Maximum mean discrepancy (as in sbi's misspecification test) of residuals from draws of the noise as it is "
         "modelled, with its correlations and unknown scale, names nothing; it alarms at p < 0.05 in "

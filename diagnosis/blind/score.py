@@ -28,7 +28,7 @@ from diagnosis.groups import group_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.version import MODEL_VERSION
 from renderer.atomic import write_atomically
-from simcore.errors import InputError
+from simcore.errors import InputError, SimulationError
 
 REPORTS_FOLDER = "reports"
 EXAMPLES_FOLDER = "examples"
@@ -72,6 +72,15 @@ class Answer:
     def named(self) -> tuple[str, ...]:
         """All effects that were named."""
         return tuple(e["name"] for e in self.report["cause"]["effects"])
+
+    @property
+    def certainty(self) -> float:
+        """Of what was answered: all that was named, with what is declared inseparable from it."""
+        answered = self.named or (self.top,)
+        probabilities = self.report["cause"]["probabilities"]
+        return float(
+            sum(probabilities.get(n, 0.0) for n in {one for name in answered for one in (name, *group_of(name))})
+        )
 
     def probability(self, name: str) -> float:
         """Of one explanation with those declared inseparable from it."""
@@ -120,11 +129,17 @@ def answer_cases(
             if not _is_answered(path):
                 if time.monotonic() - began > seconds or not claims.take(number):
                     continue
-                if make is not None:
-                    make(number)
-                if not is_sealed(out / name):
+                if _is_answered(path):  # by another process, since we looked
                     continue
-                _answer(out, name, options, cache)
+                try:
+                    if make is not None:
+                        make(number)
+                    if not is_sealed(out / name):
+                        continue
+                    _answer(out, name, options, cache)
+                except SimulationError as error:  # seeds are fixed: it would stand in the way of all others for good
+                    write_atomically(path.with_suffix(".failed"), f"{error} [{error.code}]\n".encode())
+                    continue
             if on_case is not None:
                 on_case(1.0)
     done = [name for name in map(case_name, numbers) if _is_answered(out / REPORTS_FOLDER / f"{name}.json")]
@@ -312,7 +327,7 @@ def score(answers: Sequence[Answer]) -> Score:
         wrong_parameter_blamed=Share(sum(bool(a.named) for a in wrong), len(wrong)),
         withheld_unknown=Share(sum(a.top == "unknown" for a in withheld), len(withheld)),
         withheld_misnamed=Share(
-            sum(bool(a.named) and a.report["cause"]["probabilities"][a.top] > CONFIDENT for a in withheld),
+            sum(bool(a.named) and a.certainty > CONFIDENT for a in withheld),
             len(withheld),
         ),
         one_of_two=Share(sum(any(same(a.top, t) for t in a.truth) for a in two), len(two)),
@@ -362,7 +377,7 @@ def _calibration(answers: Sequence[Answer]) -> tuple[tuple[float, float, int, fl
     edges = (0.0, 0.4, 0.6, 0.8, 0.95, 1.0001)
     rows = []
     for low, high in pairwise(edges):
-        own = [a for a in answers if low <= a.report["cause"]["probabilities"][a.top] < high]
+        own = [a for a in answers if low <= a.certainty < high]
         right = [same(a.top, a.truth[0]) if a.truth else a.top == "none" for a in own]
         rows.append((low, min(high, 1.0), len(own), float(np.mean(right)) if own else float("nan")))
     return tuple(rows)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,7 @@ def closed(
 ) -> list[float]:
     """Share of the gap above a floor that each explanation closes on a folder's captures."""
     names = sorted({name for one in explanations for name, _ in one}) if in_numbers else []
+    cache = replace(cache, learns=False)  # cases that are not diagnosed yet must not start from these captures' folds
     tasks, _ = prepare_tasks(CaptureSet.load(folder), names, RESOLUTION_M)
     results = [explain_fabric(task, cache) for task in tasks]
     noise = NoiseModel()

@@ -53,7 +53,9 @@ class Lead:
         return response_to(pixels.responses, self.effect, self.size)
 
 
-def find_leads(blocks: Sequence[Block], pixels: PixelBlock, cause: Cause, model: LikelihoodModel) -> list[Lead]:
+def find_leads(
+    blocks: Sequence[Block], pixels: PixelBlock, cause: Cause, model: LikelihoodModel, *, scatters: bool = True
+) -> list[Lead]:
     """Every stage of which an effect was tried, weighed on the captures of one scene alone.
 
     Named effects of other stages are taken away first, as where two effects together are weighed. What is left is
@@ -67,8 +69,14 @@ def find_leads(blocks: Sequence[Block], pixels: PixelBlock, cause: Cause, model:
         pixels: the numbers that the set shares, or none of them (:func:`no_numbers`).
         cause: found on all captures.
         model: of the likelihood.
+        scatters: what repeats do otherwise counts for effects that are others in every repeat; not in ``hanging`` of a
+            set that shows ``stretch``, where it tells which folds fell.
     """
-    effects = tuple(name for name in cause.probabilities if name not in NOT_EFFECTS)
+    effects = tuple(
+        name
+        for name in cause.probabilities
+        if name not in NOT_EFFECTS and (scatters or not get_effect(name).random_repeats)
+    )
     shares = CausePrior().shares(effects, pixels_seen=pixels.sensor_known)
     weighed: dict[tuple[str, ...], tuple[list[Block], PixelBlock, Cause]] = {}
     leads = []
@@ -76,7 +84,7 @@ def find_leads(blocks: Sequence[Block], pixels: PixelBlock, cause: Cause, model:
         own = [name for name in effects if get_effect(name).stage is stage]
         if not own:
             continue
-        others = tuple(name for name in cause.named if get_effect(name).stage is not stage)
+        others = tuple(name for name in cause.named if name in effects and get_effect(name).stage is not stage)
         if others not in weighed:
             left, seen = _without_all(blocks, pixels, cause, others)
             weighed[others] = left, seen, name_cause(effects, left, seen, model, pairs=False)

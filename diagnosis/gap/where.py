@@ -44,8 +44,8 @@ def where_gaps(
     By region, and by the kinds ``low_order`` and ``folds`` [mm]: root mean square over the cells of all captures, that
     which repeats and stated uncertainties give by themselves, and the squares in units of the latter's covariance,
     referred to an F distribution in which a share of the dimensions counts. By the kinds ``pixels`` and
-    ``panel_plane``: the numbers that the set shares [standard deviations], in ``stretch`` where it was captured. By
-    stage: see :func:`diagnosis.gap.stages.find_leads`.
+    ``panel_plane``: the numbers that the set shares [standard deviations], told with ``stretch`` where it was captured
+    (the plane is that of all captures). By stage: see :func:`diagnosis.gap.stages.find_leads`.
 
     Args:
         blocks: of all fabrics and scenes.
@@ -58,7 +58,8 @@ def where_gaps(
     for scene in scenes:
         own = [block for block in blocks if block.scene == scene]
         seen = pixels if scene == scenes[-1] else no_numbers(pixels)
-        rows += _Scene(scene, own, seen, cause, model, find_leads(own, seen, cause, model)).rows()
+        leads = find_leads(own, seen, cause, model, scatters=scene == scenes[-1])
+        rows += _Scene(scene, own, seen, cause, model, leads).rows()
     adjusted: list[float] = list(false_discovery_control([row.p_adjusted for row in rows])) if rows else []
     return tuple(
         row.model_copy(update={"p_adjusted": min(1.0, float(p))}) for row, p in zip(rows, adjusted, strict=True)

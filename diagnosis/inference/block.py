@@ -136,6 +136,7 @@ def make_block(
         {
             family: np.concatenate([c.responses.probes[family] for c in captures], axis=1)[:, seen]
             for family in captures[0].responses.probes
+            if all(family in c.responses.probes for c in captures)
         },
     )
 

@@ -223,7 +223,7 @@ def name_cause(
     if pairs and len({block.fabric for block in blocks}) > 1:
         besides = something_beside(effects, blocks, pixels, model, evidence, shares, found)
         nothing = evidence["none"].log_evidence
-        larger = larger_than_chance(as_held, _said(blocks, evidence, found))
+        larger = larger_than_chance(as_held, _said(as_held, evidence, found))
         unsaid = without_repeated(tables[1], tables[0], besides.repeated).weigh(blocks, reference, model)
         known = by_more_than_one(unsaid, alone["none"]).log_evidence
         known = max(known, nothing + larger) + np.log1p(-REMAINDER_SHARE)
@@ -243,17 +243,20 @@ def _left_by(cause: Cause, ways: Sequence[Sequence[Block]]) -> float | None:
 
 
 def _said(
-    blocks: Sequence[Block], evidence: Mapping[str, Evidence], pairs: Sequence[Pair]
-) -> Iterator[tuple[float, list[Block] | None]]:
-    """What the best effects, alone and two together, gain over nothing, and the blocks without them."""
+    ways: Sequence[Sequence[Block]], evidence: Mapping[str, Evidence], pairs: Sequence[Pair]
+) -> Iterator[tuple[float, list[list[Block]] | None]]:
+    """What the best effects, alone and two together, gain over nothing, and the blocks without them, however magnets
+    hold.
+    """
     nothing = evidence["none"].log_evidence
     names = sorted((n for n in evidence if n not in NOT_EFFECTS), key=lambda n: -evidence[n].log_evidence)
     for name in names[:FIRST_EFFECTS]:
         scatter = get_effect(name).random_repeats
-        left = None if scatter else [without(block, name, evidence[name].size) for block in blocks]
+        size = evidence[name].size
+        left = None if scatter else [[without(block, name, size) for block in blocks] for blocks in ways]
         yield evidence[name].log_evidence - nothing, left
     for pair in pairs:
-        yield pair.evidence.log_evidence - nothing, without_both(blocks, pair.sizes)
+        yield pair.evidence.log_evidence - nothing, [without_both(blocks, pair.sizes) for blocks in ways]
 
 
 def _tables(effects: Sequence[str], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> list[Table]:

@@ -268,7 +268,8 @@ def _tabulate_scatter(effect: Effect, blocks: Sequence[Block], pixels: PixelBloc
             rows.append(_at_rest(view, block.scene, model) + gain)
         values.append(over_views(np.stack(rows), model))
     calm = pixel_log_likelihood(pixels, np.zeros((1, len(pixels.measured))), model)
-    scattered = min(0.0, sum(scattered_nats(block) for block in blocks if block.scene == "stretch"))
+    counted = [block for block, shown in zip(blocks, shows_scatter(blocks), strict=True) if shown]
+    scattered = min(0.0, sum(scattered_nats(block) for block in counted))
     place = dict(effect.places[0])
     return Table(
         effect.name,

@@ -45,17 +45,20 @@ def larger_nats(square: float) -> float:
     return float(CALM_NATS + min(1.0, way) * (PLAIN_NATS - CALM_NATS))
 
 
-def larger_than_chance(ways: Iterable[Sequence[Block]], said: Iterable[tuple[float, Sequence[Block] | None]]) -> float:
+def larger_than_chance(
+    ways: Iterable[Sequence[Block]], said: Iterable[tuple[float, Sequence[Sequence[Block]] | None]]
+) -> float:
     """Log evidence of something that makes most fabrics differ more, over that of nothing.
 
     Args:
         ways: the blocks as they are, one way or several in which magnets may hold: the calmest counts.
-        said: of effects, what they gain over nothing and the blocks without them; None where they explain any scatter.
+        said: of effects, what they gain over nothing and the blocks without them, in each of these ways; None where
+            they explain any scatter.
     """
     alone = min(map(_nats, ways))
     found = alone
     for gained, left in said:
-        still = CALM_NATS if left is None else _nats(left)
+        still = CALM_NATS if left is None else min(map(_nats, left))
         if is_said_again(alone, still, gained):
             found = min(found, gained + still)
     return found

@@ -101,6 +101,7 @@ def weigh_pairs(
         first, sizes, table = same[top]
         own = by_more_than_one(replace(each[top], log_evidence=float(logsumexp(total))), under_peaks[first])
         told = evidence[first].log_evidence + own.log_evidence - under_peaks[first].log_evidence
+        sizes = {**sizes, table.name: each[top].size}  # which the interval belongs to
         found.append(Pair(first, table.name, sizes, replace(each[top], log_evidence=told)))
     return found
 
@@ -131,9 +132,12 @@ def beyond_the_first(pair: Pair, evidence: Mapping[str, Evidence], ways: Sequenc
 
 
 def is_usual(name: str, size: Mapping[str, float]) -> bool:
-    """An effect's size, or its vector's length, is no smaller than its prior says."""
-    components = get_effect(name).components
+    """An effect, or its vector, is no weaker than its prior says."""
+    effect = get_effect(name)
+    components = effect.components
     length = float(np.linalg.norm([size[key] for key in components]))
+    if not effect.vanishes_at_zero:  # the larger, the weaker
+        return length <= max(component.high for component in components.values())
     return length >= min(component.low for component in components.values())
 
 

@@ -86,7 +86,8 @@ def widened(view: View, scatter: Scatter, scene: str, model: LikelihoodModel) ->
     measured, count = view.measured, len(view.measured)
     taken = np.reshape(view.taken, (-1, count))
     known = Lengths.of((taken @ taken.T)[None], (taken @ measured)[None], count, model, alone=False)
-    along = np.linalg.qr(taken.T)[0]
+    _, length, basis = np.linalg.svd(taken, full_matrices=False)  # what changes pixels alone took nothing away here
+    along = basis[length > NO_SPREAD * max(float(length.max(initial=0.0)), NO_SPREAD)].T
     scale = float(np.sqrt(known.grown[0]))
 
     def apart(rows: Array) -> Array:

@@ -97,7 +97,8 @@ def pixels_together(pixels: PixelBlock, name: str, other: str) -> PixelBlock:
 
 
 def _together(known: Known, name: str, other: str) -> Known:
-    key = next((key for key in ((name, other), (other, name)) if key in known.beside), None)
+    # of the likelier ``name`` and a second one, what the second does beside it is what was simulated together last
+    key = next((key for key in ((other, name), (name, other)) if key in known.beside), None)
     return known if key is None else replace(known, responses=known.responses | {key[0]: known.beside[key]})
 
 

@@ -67,5 +67,6 @@ def state_distance(depth: NDArray[np.float32], drape: Drape, scene: SimulationSc
 
 
 def noise_square(scene: SimulationScene) -> float:
-    """Variance of the sensor's stated noise [m²]."""
-    return scene.sensor.range_noise_m**2 + scene.sensor.quantisation_m**2 / 12.0
+    """Variance of the sensor's stated noise [m²] at the panel's distance, with whose square noise grows."""
+    farther = (float(scene.camera_from_panel[2, 3]) / scene.sensor.at_m) ** 2
+    return (scene.sensor.range_noise_m * farther) ** 2 + scene.sensor.quantisation_m**2 / 12.0

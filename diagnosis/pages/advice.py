@@ -58,7 +58,8 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     elif cause.top == "none":
         lines += _of_none(report, len(diagnosis.results))
     else:
-        lines += _of_named(get_effect(cause.top))
+        named = [effect.name for effect in cause.effects] or [cause.top]
+        lines += [line for name in named for line in _of_named(get_effect(name))]
     lines += separating(cause)
     if "stretch" not in scenes:
         lines.append("Add captures of the stretch scene: it repeats far better than hanging and carries the diagnosis.")

@@ -88,7 +88,9 @@ def sentence(diagnosis: Diagnosis) -> str:
     cause, detected = report.cause, report.gap.detected
     names = [effect.name for effect in cause.effects] or [cause.top]
     alike = sorted({twin for name in names for twin in group_of(name) if cause.probabilities.get(twin, 0.0) >= TOLD})
-    top, p = " with ".join(names), sum(cause.probabilities[name] for name in {*names, *alike})
+    top, p = " with ".join(names), sum(cause.probabilities[name] for name in dict.fromkeys([*names, *alike]))
+    if len(names) == 2:  # of both, not of one or the other
+        p = diagnosis.cause.pair_probability
     twins = [twin for twin in alike if twin not in names]
     gap = _gap_text(report)
     if p < 0.5:

@@ -19,7 +19,7 @@ from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.likelihood import LikelihoodModel
-from diagnosis.inference.subtract import response_to
+from diagnosis.inference.subtract import pixels_without, pixels_without_both, response_to, without_both
 from diagnosis.measurement.reference import cell_centres
 from diagnosis.report import Control, RegionShrinkage, Shrinkage
 from diagnosis.shrinkage.shares import fraction_of, interval_of
@@ -89,11 +89,9 @@ def response_of(block: Block, cause: Cause) -> Array:
 
 def whitened(block: Block, effects: Sequence[Sized]) -> Array:
     """Whitened response of a block to effects at some sizes, as far as it is known without a simulation, [n]."""
-    total = np.zeros(len(block.stated.measured))
-    for name, size in effects:
-        if not get_effect(name).random_repeats:
-            total = total + response_to(block.stated.responses, name, size)
-    return total
+    own = {name: size for name, size in effects if not get_effect(name).random_repeats}
+    (left,) = without_both([block], own)
+    return np.asarray(block.stated.measured - left.stated.measured)
 
 
 @dataclass(frozen=True)
@@ -194,7 +192,8 @@ def measure_shrinkage(
         return None
     numbers = pixels.measured
     in_numbers = all(get_effect(name).stage in (Stage.CAMERA, Stage.SENSOR) for name in cause.named)
-    in_numbers = in_numbers and len(numbers) > 0 and float(np.max(np.abs(numbers))) > PLAIN
+    moved = moved_numbers(pixels, sized(cause)) if in_numbers else np.zeros(0, dtype=bool)
+    in_numbers = bool(moved.any()) and float(np.max(np.abs(numbers[moved]))) > PLAIN
     with_numbers = [fold for fold in folds if len(fold.held_pixels.measured)]
     in_numbers = in_numbers and bool(with_numbers)
     blocks = [block for fold in (with_numbers if in_numbers else folds) for block in fold.held]
@@ -318,10 +317,21 @@ def _pixel_row(pixels: PixelBlock, found: Cause, rival: Sized | None) -> Array:
     return np.array([[before, after, 1.0, control]])
 
 
-def numbers_left(pixels: PixelBlock, effects: Sequence[Sized]) -> float:
-    """Mean square of the numbers that a set shares once effects are taken out, in standard deviations squared."""
-    rest = pixels.measured
+def moved_numbers(pixels: PixelBlock, effects: Sequence[Sized]) -> NDArray[np.bool_]:
+    """Which of the shared numbers effects change by a standard deviation or more, bool [m]."""
+    moved = np.zeros(len(pixels.measured), dtype=np.bool_)
     for name, size in effects:
         if not get_effect(name).random_repeats:
-            rest = rest - response_to(pixels.responses, name, size)
-    return float(np.mean(rest**2))
+            moved |= np.abs(response_to(pixels.responses, name, size)) >= 1.0
+    return moved
+
+
+def numbers_left(pixels: PixelBlock, effects: Sequence[Sized]) -> float:
+    """Mean square of the numbers that a set shares once effects are taken out, in standard deviations squared."""
+    own = {name: size for name, size in effects if not get_effect(name).random_repeats}
+    if len(own) == 2:  # what they do together is not the sum of what each does
+        pixels = pixels_without_both(pixels, own)
+    else:
+        for name, size in own.items():
+            pixels = pixels_without(pixels, name, size)
+    return float(np.mean(pixels.measured**2))

@@ -50,7 +50,10 @@ def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool)
 
 
 def _first_of_each(held: tuple[Held, ...]) -> list[Held]:
-    return list({one.block.fabric: one for one in reversed(held)}.values())
+    first: dict[str, Held] = {}
+    for one in held:
+        first.setdefault(one.block.fabric, one)
+    return list(first.values())
 
 
 def _plain(fabric: FabricParameters) -> dict[str, float]:

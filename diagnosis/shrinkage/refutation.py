@@ -19,6 +19,9 @@ from diagnosis.shrinkage.shares import fraction_of
 Array = NDArray[np.float64]
 WORSE = -0.25
 """An effect that closes less than this share of the gap is none of it: of six in 300 sealed cases five were wrong."""
+PLAINLY = 1.02
+"""What is left grows by this factor at least where an effect is refuted: near the scatter of repeats a share of what is
+above it says nothing."""
 LITTLE = ((0.1, 0.52), (0.5, 0.75))
 """An effect on the cloth that closes less than the first of the gap is named with at most the second's probability. Of
 199 that were named in sealed cases and were there 10 closed less than a tenth and 25 less than 0.4; of 21 that were not
@@ -86,7 +89,7 @@ def is_refuted(measured: Measured) -> bool:
     with the effect on.
     """
     found = measured.shrinkage
-    if not found.simulated_afresh or found.fraction >= WORSE:
+    if not found.simulated_afresh or found.fraction >= WORSE or found.after < PLAINLY * found.before:
         return False
     fabrics = _against(measured)
     if len(fabrics) < 3:
@@ -101,7 +104,7 @@ def is_unshown(cause: Cause, measured: Measured) -> bool:
     one fabric is no effect. A fabric without which another second effect is named, or none, does not show this one. Of
     fewer than three fabrics all are heard.
     """
-    if cause.pair is None or is_mechanical(get_effect(cause.pair.first)):
+    if cause.pair is None or is_mechanical(get_effect(cause.pair.first)) or get_effect(cause.pair.first).random_repeats:
         return False
     if not is_mechanical(get_effect(cause.pair.second)) or not measured.shrinkage.simulated_afresh or not measured.held:
         return False

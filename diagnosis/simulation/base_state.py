@@ -12,6 +12,7 @@ from diagnosis.measurement.picture import noise_square, state_distance
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.state_library import SAME_STATE_M, StateLibrary, vertex_rms
+from simcore.errors import SimulationError
 from simcore.parameters import FabricParameters
 
 STARTS = {"hanging": 1, "stretch": 3}
@@ -38,9 +39,17 @@ def nearest_state(
 
     Returns:
         The drape and its root mean square difference from the capture [m].
+
+    Raises:
+        SimulationError: all candidates have diverged.
     """
     library = StateLibrary.of(simulator.cache, candidates[0].drape.mesh, fabric, scene)
-    known = _distinct([*library.states(), *candidates])
+    finite = [state for state in (*library.states(), *candidates) if np.isfinite(state.drape.vertices).all()]
+    if not finite:
+        raise SimulationError(
+            f"no drape of this fabric can be simulated: {candidates[0].drape.reason}", code="diverged"
+        )
+    known = _distinct(finite)
     scored = [(state_distance(depth, c.drape, scene), n, c) for n, c in enumerate(known)]
     best = min(scored)[2]
     name = scene.setup.scene.value

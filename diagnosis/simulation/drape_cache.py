@@ -65,9 +65,15 @@ UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.
 
 @dataclass(frozen=True)
 class DrapeCache:
-    """A folder of drapes; ``folder`` None keeps nothing."""
+    """A folder of drapes.
+
+    Attributes:
+        folder: None keeps nothing.
+        learns: fold states that captures show are kept as such, for later captures of the fabric.
+    """
 
     folder: Path | None
+    learns: bool = True
 
     @classmethod
     def default(cls) -> DrapeCache:
@@ -187,9 +193,13 @@ def _is_own(kind: type) -> bool:
 
 @cache
 def _source(kind: type) -> str:
-    """What a class that is not the program's own is and does: two may have the same fields, and change."""
+    """What a class that is not the program's own is and does: two may have the same fields, and change.
+
+    By all of its file: what it does may lie in a function beside it.
+    """
+    module = inspect.getmodule(kind)
     try:
-        text = inspect.getsource(kind)
+        text = inspect.getsource(kind if module is None else module)
     except (OSError, TypeError):  # written nowhere: by its name
         text = ""
     return f"{kind.__module__}.{kind.__qualname__} {hashlib.sha256(text.encode()).hexdigest()}"

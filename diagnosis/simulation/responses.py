@@ -31,6 +31,8 @@ PIN_STEP_M = 0.002
 """Move by which the responses to each pin's place are found."""
 PATCH_RADIUS_M = 0.011
 """A magnet's patch: a corner and its neighbours on a 10 mm mesh."""
+LARGEST_PATCH_M = 0.015
+"""No magnet of the kind holds more: on coarser cells a patch is a point."""
 COARSE_TOO_FAR_M = 0.004
 """A coarse state further from its fine origin than this fell into other folds and is not used."""
 BORROW_M = {"hanging": 0.006, "stretch": 0.001}
@@ -112,8 +114,11 @@ def borrowed_responses(
     """:func:`find_responses` of the nearest known state that has them, if it is near enough; else of this one."""
     lender = _lender(simulator, fabric, scene, state)
     if lender is not state:
+        own = sensed(picture, scene, reference)
         picture = picture_of(lender.drape, scene)
         reference = make_reference(lender.drape, scene)
+        found = find_responses(simulator, fabric, scene, lender, effects, picture, reference)
+        return replace(found, sensed=own.pixels)  # what the sensor gives is known of the state itself
     return find_responses(simulator, fabric, scene, lender, effects, picture, reference)
 
 
@@ -264,6 +269,8 @@ class _Look:
         drape = self.origin
         if fabric != self.fabric or (scene.setup, scene.mechanics) != (self.scene.setup, self.scene.mechanics):
             drape = self.simulator.proceed(self.origin, fabric, scene)
+        if not np.isfinite(drape.drape.vertices).all():  # it diverged: nothing can be said
+            return np.zeros(len(self.base))
         return clean(self.vector(drape, scene) - self.base)
 
     def seen_by(self, scene: SimulationScene) -> Array:
@@ -359,7 +366,9 @@ class _Look:
 
 def other_radius_m(setup: Setup, cell_m: float) -> float:
     """Of magnets that hold a point where the stated ones hold a patch on such cells, or a patch where a point [m]."""
-    return 0.0 if setup.pin_radius_m > 0.5 * cell_m else PATCH_RADIUS_M
+    if setup.pin_radius_m > 0.5 * cell_m:
+        return 0.0
+    return PATCH_RADIUS_M if cell_m <= 0.01 else min(1.1 * cell_m, max(PATCH_RADIUS_M, LARGEST_PATCH_M))
 
 
 def smaller(scene: SimulationScene) -> SimulationScene:

@@ -25,17 +25,21 @@ TIME_LIMIT_S = 20.0
 
 @dataclass
 class Cost:
-    """What was spent: simulations solved now (not taken from the cache) and their CPU seconds."""
+    """What was spent: simulations solved now (not taken from the cache), their CPU seconds, and how many of them were
+    stopped before they were at rest, for want of time.
+    """
 
     simulations: int = 0
     cached: int = 0
     seconds: float = 0.0
+    out_of_time: int = 0
 
     def add(self, other: Cost) -> None:
         """Take another account over."""
         self.simulations += other.simulations
         self.cached += other.cached
         self.seconds += other.seconds
+        self.out_of_time += other.out_of_time
 
 
 @dataclass(frozen=True)
@@ -138,11 +142,16 @@ class Simulator:
         return KeyedDrape(drape, content_key(vertices=vertices) if origin is None else content_key(coarser=origin))
 
     def kept(self, key: str, make: Callable[[], dict[str, NDArray[np.float64]]]) -> dict[str, NDArray[np.float64]]:
-        """Arrays of the cache, or made now and kept; the same numbers either way."""
+        """Arrays of the cache, or made now and kept; the same numbers either way.
+
+        What was made of a simulation that ran out of time is not kept, as that one is not.
+        """
         arrays = self.cache.get_arrays(key)
         if arrays is None:
+            before = self.cost.out_of_time
             arrays = {name: value.astype(np.float32).astype(np.float64) for name, value in make().items()}
-            self.cache.put_arrays(key, arrays)
+            if self.cost.out_of_time == before:
+                self.cache.put_arrays(key, arrays)
         return arrays
 
     def _cached(self, key: str, mesh: GridMesh) -> KeyedDrape | None:
@@ -155,6 +164,8 @@ class Simulator:
     def _keep(self, key: str, drape: Drape, began: float) -> KeyedDrape:
         self.cost.simulations += 1
         self.cost.seconds += time.process_time() - began
-        if not drape.reason.startswith("time limit"):  # the next machine may be faster
+        if drape.reason.startswith("time limit"):  # the next machine may be faster
+            self.cost.out_of_time += 1
+        else:
             self.cache.put(key, drape)
         return KeyedDrape(drape, key)

@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
+from filelock import FileLock
 
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache, drape_key
@@ -54,11 +55,14 @@ class StateLibrary:
 
     def add(self, state: KeyedDrape) -> None:
         """Keep a state that a capture showed."""
-        keys = self._keys()
-        if self.cache.folder is not None and state.key not in keys and len(keys) < MOST_STATES:
-            path = self.cache.folder / "states" / f"{self.name}.json"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, json.dumps([*keys, state.key]).encode())
+        if self.cache.folder is None or not self.cache.learns or state.key in self._keys():
+            return
+        path = self.cache.folder / "states" / f"{self.name}.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(f"{path}.lock"):  # another process may add one of its own
+            keys = self._keys()
+            if state.key not in keys and len(keys) < MOST_STATES:
+                write_atomically(path, json.dumps([*keys, state.key]).encode())
 
     def _keys(self) -> list[str]:
         if self.cache.folder is None:

@@ -140,7 +140,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
 
     Raises:
         InputError: a capture shows too little of the cloth.
-        SimulationError: no base state of a scene came to rest.
+        SimulationError: all base states of a scene have diverged.
     """
     simulator = Simulator(cache)
     results: list[CaptureResult] = []

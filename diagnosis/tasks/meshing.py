@@ -91,9 +91,14 @@ def _misfit(size_m: tuple[float, float], cell_m: float) -> float:
 def on_cells(setup: Setup, cell_m: float) -> Setup:
     """A set-up whose sample is made of whole cells; its pins move in proportion, so that the cloth is held as tight.
 
+    Magnets that hold more than half a cell hold a whole one: cells of a sample of 503 mm are a little larger than
+    10 mm, and a magnet of 10 mm that missed the next vertices would hold a point.
+
     Raises:
         InputError: an edge would change by more than a hundredth.
     """
+    if 0.5 * cell_m < setup.pin_radius_m < cell_m:
+        setup = replace(setup, pin_radius_m=cell_m * (1.0 + 1e-6))
     size = setup.sample_size_m
     whole = tuple(round(edge / cell_m) * cell_m for edge in size)
     if all(abs(edge / cell_m - round(edge / cell_m)) <= 1e-6 for edge in size):

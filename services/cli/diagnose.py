@@ -173,7 +173,7 @@ def _diagnose(
     document = found.report.as_json()
     write_atomically(out / REPORT, (json.dumps(console.to_plain(document), indent=1, allow_nan=False) + "\n").encode())
     if apply:
-        made = SimulatorExtension.of(found.report, found.pin_radius_m)
+        made = SimulatorExtension.of(found.report, _pin_radius(captures, found))
         made.save(out / SIMULATOR)
         for line in _doubts(made, found):
             console.note(f"{out / SIMULATOR}: {line}")
@@ -188,6 +188,17 @@ def _diagnose(
     console.say(sentence(found))
     _say_probabilities(found)
     console.say(f"{out / REPORT}, {out / PAGE}")
+
+
+def _pin_radius(captures: CaptureSet, found: Diagnosis) -> float | None:
+    """What magnets hold: as found, else as stated where it is not the nominal."""
+    from simcore.scenes import Setup
+
+    if found.pin_radius_m is not None:
+        return found.pin_radius_m
+    stated = {capture.setup.pin_radius_m for capture in captures.captures}
+    nominal = Setup.nominal("hanging").pin_radius_m
+    return stated.pop() if len(stated) == 1 and nominal not in stated else None
 
 
 def _doubts(made: SimulatorExtension, found: Diagnosis) -> list[str]:

@@ -85,8 +85,11 @@ def a_trial(leader: str, then: tuple[str, ...], known: tuple[float, ...] = ()) -
     """What was simulated where one leads and others are named then; whether that was kept."""
     simulated: list[Any] = []
     sizes = {"panel_adhesion": [{"magnitude": size} for size in known]}
-    first, other = SimpleNamespace(result="before", sizes=sizes), SimpleNamespace(result="after", sizes={})
-    first.copy = lambda: SimpleNamespace(result="copied", sizes={})
+    first, other = (
+        SimpleNamespace(through=(), result="before", sizes=sizes),
+        SimpleNamespace(through=(), result="after", sizes={}),
+    )
+    first.copy = lambda: SimpleNamespace(through=(), result="copied", sizes={})
 
     class Simulating:
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:

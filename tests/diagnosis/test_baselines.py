@@ -12,7 +12,7 @@ import pytest
 from diagnosis.blind.baselines import baseline_answers, draw_noise, mmd_p, refitted_map
 from diagnosis.blind.page import render_page
 from diagnosis.blind.score import score
-from diagnosis.inference.block import Block, View
+from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.evidence import Evidence
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.shrinkage.held_out import refit
@@ -99,12 +99,25 @@ def found(*names: str) -> Any:
     own = showing(block(0), np.random.default_rng(1).standard_normal(COUNT))
     rows = {n: (k + 1.0) * np.ones((2, COUNT)) for k, n in enumerate(("crease", "off_grain"))}
     own = replace(own, stated=replace(own.stated, responses=rows))
-    return SimpleNamespace(blocks=[own], cause=SimpleNamespace(evidence=evidence))
+    pixels = PixelBlock(np.zeros(2), {name: np.zeros((2, 2)) for name in rows}, sensor_known=True)
+    return SimpleNamespace(blocks=[own], cause=SimpleNamespace(evidence=evidence), pixels=pixels)
 
 
 def test_the_most_flexible_effect_is_always_the_same_one() -> None:
     assert baseline_answers(found("bending_hysteresis", "crease"))["names"]["most_flexible"] == "bending_hysteresis"
     assert baseline_answers(found("off_grain", "crease"))["names"]["most_flexible"] == "crease"
+
+
+def test_shared_numbers_are_seen_by_the_baselines_too() -> None:
+    """What changes pixels alone has no shape."""
+    diagnosis = found("crease")
+    (own,) = diagnosis.blocks
+    rows = {**own.stated.responses, "dropout": np.zeros((2, COUNT))}
+    diagnosis.blocks = [replace(own, stated=replace(own.stated, responses=rows))]
+    shown = {name: np.zeros((2, 2)) for name in rows} | {"dropout": np.array([[5.0, 0.0], [40.0, 0.0]])}
+    diagnosis.pixels = PixelBlock(np.array([41.0, 0.3]), shown, sensor_known=True)
+    names = baseline_answers(diagnosis)["names"]
+    assert (names["nearest_template"], names["least_residual"]) == ("dropout", "dropout")
 
 
 def test_the_page_says_what_the_baselines_do() -> None:
@@ -119,6 +132,6 @@ def test_stretch_alone_is_judged_where_there_is_any() -> None:
     diagnosis = found("crease")
     shown = showing(block(1, "hanging"), np.full(COUNT, 500.0))
     shown = replace(shown, stated=replace(shown.stated, responses=diagnosis.blocks[0].stated.responses))
-    both = SimpleNamespace(blocks=[diagnosis.blocks[0], shown], cause=diagnosis.cause)
+    both = SimpleNamespace(blocks=[diagnosis.blocks[0], shown], cause=diagnosis.cause, pixels=diagnosis.pixels)
     assert baseline_answers(both) == baseline_answers(diagnosis)
     assert baseline_answers(diagnosis)["mmd_p"] == mmd_p(diagnosis.blocks)

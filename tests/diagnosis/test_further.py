@@ -45,8 +45,10 @@ def a_trial(
 ) -> tuple[list[list[str]], list[Any], Any, bool]:
     """What was simulated, through which cameras and beside what it was chosen; whether the trial was kept."""
     simulated, through, beside = [], [], []
-    first, other = (SimpleNamespace(result=name, sizes={"air_draft": [SIZE]}) for name in ("before", "after"))
-    first.copy = lambda: SimpleNamespace(result="copied", sizes={})
+    first, other = (
+        SimpleNamespace(through=(), result=name, sizes={"air_draft": [SIZE]}) for name in ("before", "after")
+    )
+    first.copy = lambda: SimpleNamespace(through=(), result="copied", sizes={})
 
     class Simulating:
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:

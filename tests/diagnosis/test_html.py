@@ -189,7 +189,8 @@ def told(top: str, p: float, *beside: str, detected: bool = True, value: float =
     probabilities = made.cause.probabilities | also
     cause = made.cause.model_copy(update={"effects": effects or made.cause.effects, "probabilities": probabilities})
     gap = made.gap.model_copy(update={"detected": detected, "value": value})
-    return sentence(SimpleNamespace(report=made.model_copy(update={"cause": cause, "gap": gap})))  # type: ignore[arg-type]
+    shown = made.model_copy(update={"cause": cause, "gap": gap})
+    return sentence(SimpleNamespace(report=shown, cause=SimpleNamespace(pair_probability=0.97)))  # type: ignore[arg-type]
 
 
 def test_the_sentence_says_what_the_numbers_say() -> None:
@@ -197,7 +198,7 @@ def test_the_sentence_says_what_the_numbers_say() -> None:
     assert told("hem_weight", 0.9, detected=False).startswith("That they differ at all is not certain")
     assert "do not tell what is missing" in told("hem_weight", 0.45)
     both = told("hem_weight", 0.49, "pin_spacing")
-    assert "hem_weight with pin_spacing (probability 1.00)" in both and "They differ" in both
+    assert "hem_weight with pin_spacing (probability 0.97)" in both and "They differ" in both
     assert "agree" in told("none", 0.9, detected=False)
     assert "They differ" in told("none", 0.9) and "agree" not in told("none", 0.9)
 

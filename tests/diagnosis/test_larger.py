@@ -90,9 +90,9 @@ def test_the_way_magnets_hold_that_leaves_least_counts() -> None:
 def test_what_an_effect_explains_is_nothing_larger() -> None:
     large, calm = fabrics([2.4] * 4), fabrics([0.2] * 4)
     assert larger_than_chance([large], []) == PLAIN_NATS
-    assert larger_than_chance([large], [(9.0, large)]) == PLAIN_NATS  # it leaves as much
-    assert larger_than_chance([large], [(0.5, calm)]) == PLAIN_NATS  # it gains too little
-    assert larger_than_chance([large], [(2.0, calm)]) == pytest.approx(2.0 + CALM_NATS)
+    assert larger_than_chance([large], [(9.0, [large])]) == PLAIN_NATS  # it leaves as much
+    assert larger_than_chance([large], [(0.5, [calm])]) == PLAIN_NATS  # it gains too little
+    assert larger_than_chance([large], [(2.0, [calm])]) == pytest.approx(2.0 + CALM_NATS)
     assert larger_than_chance([large], [(2.0, None)]) == pytest.approx(2.0 + CALM_NATS)  # any scatter is explained
 
 

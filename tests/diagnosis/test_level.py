@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from diagnosis.afresh import refinement
-from diagnosis.afresh.fresh import FreshLook, at_state, freshen, with_effects
-from diagnosis.afresh.refinement import look_again
+from diagnosis.afresh.fresh import FreshLook, at_state, bent, freshen, with_effects
+from diagnosis.afresh.refinement import look_again, seen_through
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.evidence import Evidence
@@ -137,6 +137,28 @@ def test_folds_are_looked_for_through_a_camera_that_stands_elsewhere(look: Fresh
     (found,) = freshen(look, [ROTATION], "stretch").captures
     assert state_distance(depth, found.base.drape, MOVED) < 0.5 * state_distance(depth, drape.drape, MOVED)
     assert found.rms_m == pytest.approx(state_distance(depth, found.base.drape, MOVED))
+
+
+def test_what_was_measured_beside_and_by_probes_stays_as_long_as_the_state_does(
+    look: FreshLook, simulator: Simulator
+) -> None:
+    capture = look.result.captures[0]
+    rows = capture.responses.effects["pin_spacing"]
+    told = replace(capture.responses, beside={("pin_spacing", "camera_rotation"): rows}, probes={"pins": rows[0]})
+    look.sizes["camera_rotation"] = [ROTATION[1]]
+    kept = bent(look, replace(capture, responses=told), ["camera_rotation"])
+    assert set(kept.beside) == {("pin_spacing", "camera_rotation")} and set(kept.probes) == {"pins"}
+    (found,) = freshen(look, [ROTATION], "stretch").captures
+    assert found.base is not capture.base and not found.responses.beside and not found.responses.probes
+
+
+def test_cloth_is_seen_as_the_last_leader_says(look: FreshLook, drape: KeyedDrape) -> None:
+    depth = look.result.task.captures[0].depth
+    turned = seen_through(look, (ROTATION,))
+    assert turned.through == (ROTATION,)
+    assert turned.result.captures[0].rms_m == pytest.approx(state_distance(depth, drape.drape, MOVED))
+    back = seen_through(turned, ())
+    assert back.through == () and back.result.captures[0].rms_m == pytest.approx(look.result.captures[0].rms_m)
 
 
 def test_a_state_that_was_found_stays_and_its_distance_is_that_through_the_camera(

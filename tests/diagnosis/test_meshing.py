@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from diagnosis.simulation.responses import other_radius_m
 from diagnosis.tasks.meshing import cell_size, on_cells
 from simcore.errors import InputError
 from simcore.mesh import GridMesh
@@ -50,6 +53,16 @@ def test_pins_move_with_the_sample_so_that_it_is_held_as_tight() -> None:
             assert now / whole.sample_size_m[axis] == pytest.approx(before / setup.sample_size_m[axis])
         assert whole.pins_m[name][2] == place[2]
     assert whole.pin_radius_m == setup.pin_radius_m
+
+
+@pytest.mark.parametrize("edge", [0.501, 0.503, 0.508, 0.305, 0.495])
+def test_magnets_of_a_cell_hold_a_patch_on_cells_that_are_a_little_larger(edge: float) -> None:
+    setup = Setup.nominal("hanging", sample_size_m=(edge, edge))
+    cell = cell_size((edge, edge), 0.01)
+    held = on_cells(setup, cell)
+    assert cell <= held.pin_radius_m < 1.2 * cell  # the corner and its neighbours
+    assert other_radius_m(held, cell) == 0.0
+    assert cell <= other_radius_m(replace(held, pin_radius_m=0.0), cell) < 1.2 * cell
 
 
 def test_a_coarse_mesh_that_no_edge_fits_is_refused() -> None:

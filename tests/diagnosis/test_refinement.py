@@ -11,10 +11,11 @@ import pytest
 
 from diagnosis.afresh import refinement
 from diagnosis.afresh.fresh import FreshLook
-from diagnosis.afresh.refinement import look_again
+from diagnosis.afresh.refinement import Search, look_again
 from diagnosis.effect import SCALAR
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.evidence import Evidence
+from diagnosis.workers import ALONE
 
 
 class Watcher:
@@ -46,9 +47,18 @@ def cause_of(nats: dict[str, float]) -> Any:
 
 def wanted(alone: dict[str, float], beside: dict[str, float]) -> list[list[str]]:
     watcher = Watcher()
-    looks: Any = {"f1": SimpleNamespace(result=None)}
+    looks: Any = {"f1": SimpleNamespace(through=(), result=None)}
     look_again(looks, lambda _, first: cause_of(alone if first is None else beside), "stretch", watcher)  # type: ignore[arg-type]
     return watcher.wanted
+
+
+def test_what_one_fabric_alone_has_simulated_is_simulated_in_all() -> None:
+    sizes = {"hem_weight": [{"magnitude": 5.0}, {"magnitude": 9.0}]}
+    looks: Any = {"f1": SimpleNamespace(sizes=sizes), "f2": SimpleNamespace(sizes={"hem_weight": [{"magnitude": 5.0}]})}
+    search = Search.after(looks, lambda *_: None, "stretch", ALONE)  # type: ignore[arg-type, return-value]
+    assert search.unseen([("hem_weight", {"magnitude": 5.0}), ("hem_weight", {"magnitude": 9.0})]) == [
+        ("hem_weight", {"magnitude": 9.0})
+    ]
 
 
 def test_beside_a_leader_on_the_sensor_three_effects_on_the_cloth_are_looked_at() -> None:
@@ -87,15 +97,15 @@ def test_in_the_second_round_fewer_are_looked_at(alone: Any, beside: Any, rounds
         number = min(len(watcher.wanted), 1)
         return cause_of(alone[number] if first is None else beside[number])
 
-    looks: Any = {"f1": SimpleNamespace(result=None)}
+    looks: Any = {"f1": SimpleNamespace(through=(), result=None)}
     look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
     assert watcher.wanted == rounds
 
 
 def on_trial(alone: dict[str, float], named: list[str]) -> tuple[list[list[str]], bool]:
     """What was simulated, effects being named once something was; whether what that shows was kept."""
-    first, other = (SimpleNamespace(result=name) for name in ("as it was", "simulated"))
-    first.copy = lambda: SimpleNamespace(result="copied")
+    first, other = (SimpleNamespace(through=(), result=name) for name in ("as it was", "simulated"))
+    first.copy = lambda: SimpleNamespace(through=(), result="copied")
 
     class Simulating(Watcher):
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
@@ -127,7 +137,7 @@ def test_where_nothing_leads_effects_from_further_behind_count_where_one_of_them
 def test_what_was_simulated_already_is_not_tried_again() -> None:
     nearer = FAR | {"off_grain": -4.0}
     watcher = Watcher()
-    looks: Any = {"f1": SimpleNamespace(result=None, copy=lambda: SimpleNamespace(result=None))}
+    looks: Any = {"f1": SimpleNamespace(through=(), result=None, copy=lambda: SimpleNamespace(through=(), result=None))}
 
     def weigh(results: list[Any], found: Any) -> Any:
         cause = cause_of(nearer)
@@ -139,7 +149,7 @@ def test_what_was_simulated_already_is_not_tried_again() -> None:
 
 
 def test_after_a_trial_that_named_an_effect_what_comes_near_it_is_looked_at() -> None:
-    shown = SimpleNamespace(result="simulated")
+    shown = SimpleNamespace(through=(), result="simulated")
 
     class Simulating(Watcher):
         def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
@@ -152,7 +162,9 @@ def test_after_a_trial_that_named_an_effect_what_comes_near_it_is_looked_at() ->
         return cause
 
     watcher = Simulating()
-    looks: Any = {"f1": SimpleNamespace(result="as it was", copy=lambda: SimpleNamespace(result="copied"))}
+    looks: Any = {
+        "f1": SimpleNamespace(through=(), result="as it was", copy=lambda: SimpleNamespace(through=(), result="copied"))
+    }
     look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
     assert watcher.wanted == [["off_grain", "pin_spacing", "corner_pull"], ["hem_weight"]]
 

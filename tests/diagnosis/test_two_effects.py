@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.diagnose import as_likely
+from diagnosis.diagnose import as_likely, moved_along
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.inference import pairs as pairs_module
@@ -243,6 +243,8 @@ def test_what_is_smaller_than_an_effect_ever_is_may_be_picked_up(monkeypatch: py
         ("corner_pull", {SCALAR: -0.004}, True),
         ("crease", CREASE, True),
         ("crease", {**CREASE, SCALAR: -0.4}, False),
+        ("stretch_stiffening", {SCALAR: 0.02}, True),
+        ("stretch_stiffening", {SCALAR: 0.5}, False),
         ("camera_rotation", {"rx": 0.1, "ry": 0.0, "rz": -0.1}, False),
         ("camera_rotation", {"rx": 0.6, "ry": -0.5, "rz": 0.1}, True),
     ],
@@ -280,3 +282,14 @@ def test_what_two_named_effects_are_not_told_from_is_judged_beside_each_other() 
     assert set(cause.named) == {"air_draft", "crease"}
     assert as_likely(cause, "crease") == {"air_draft", "crease", "hem_weight"}
     assert as_likely(cause, "air_draft") == {"air_draft", "crease"}
+    lowered = replace(pairs[0], evidence=replace(pairs[0].evidence, log_evidence=-20.0))  # by what the first gains
+    assert as_likely(replace(cause, pair=lowered), "crease") == {"air_draft", "crease", "hem_weight"}
+
+
+def test_an_interval_moves_along_with_a_size_that_another_effect_changes() -> None:
+    hem = moved_along({SCALAR: (29.0, 62.0)}, {SCALAR: 43.0}, {SCALAR: 9.0})
+    assert hem[SCALAR] == pytest.approx((29.0 * 9 / 43, 62.0 * 9 / 43))
+    draft = moved_along({SCALAR: (0.1, 0.3)}, {SCALAR: 0.2}, {SCALAR: -0.1})  # of another sign: as wide as before
+    assert draft[SCALAR] == pytest.approx((-0.2, 0.0))
+    vector = moved_along({"tx": (1.0, 3.0), "ty": (0.0, 1.0)}, {"tx": 2.0, "ty": 0.5}, {"tx": 3.0, "ty": 0.5})
+    assert vector == {"tx": (2.0, 4.0), "ty": (0.0, 1.0)}
