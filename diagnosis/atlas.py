@@ -26,7 +26,8 @@ from diagnosis.simulation.base_state import STARTS
 from diagnosis.simulation.drape_cache import DrapeCache, drape_key
 from diagnosis.simulation.missed_folds import FURTHER_SEEDS
 from diagnosis.simulation.probes import PROBES
-from diagnosis.simulation.simulator import Cost
+from diagnosis.simulation.responses import are_at_hand
+from diagnosis.simulation.simulator import Cost, KeyedDrape
 from diagnosis.simulation.sizes import nodes, shortcuts
 from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
 from diagnosis.version import LED_VERSION, PIXELS_VERSION, RESPONSES_VERSION
@@ -143,19 +144,21 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
         ready += at_hand
         for name in {capture.scene.setup.scene.value for capture in task.captures}:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
-            looks = CANDIDATES if name == "stretch" else 0
-            further = LOOKS + alike.most_looks(task.effects) + TRIAL_LOOKS if name == "stretch" else 0
+            closer = name == "stretch" and len(tasks) > 1  # with one fabric nothing is looked at closer
+            looks = CANDIDATES if closer else 0
+            further = LOOKS + alike.most_looks(task.effects) + TRIAL_LOOKS if closer else 0
             pairs = PAIR_ROUNDS * PAIRS + THROUGH_ROUNDS * THROUGH_PAIRS
-            further += pairs + SECOND_EFFECTS if name == "stretch" else 0
-            further += PICTURE_ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]
-            beside = _beside(task.effects) if name == "stretch" else 0
+            further += pairs + SECOND_EFFECTS if closer else 0
+            if len(tasks) > 1:
+                further += PICTURE_ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]
+            beside = _beside(task.effects) if closer else 0
             pins = len(own[0].scene.setup.pins_m)
-            beside += sum(PROBES.values()) + 2 * pins if name == "stretch" else 0
+            beside += sum(PROBES.values()) + 2 * pins if closer else 0
             one = _variations(task.effects, name, pins)
             states = 1 if name == "hanging" else int(not at_hand)  # there, a capture leads to a state of its own
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)
-            tried = FURTHER + SECOND_EFFECTS * MOST_SIZES + MOST_TRIALS if name == "stretch" else 0
+            tried = FURTHER + SECOND_EFFECTS * MOST_SIZES + MOST_TRIALS if closer else 0
             missed, again = (len(FURTHER_SEEDS), STARTS[name]) if name == "stretch" else (0, 0)
             most += (bases + missed, len(own) * (one + beside) + tried, len(own) * (1 + further + again) + missed)
     each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])
@@ -180,11 +183,15 @@ def _beside(effects: Sequence[str]) -> int:
 
 
 def _at_hand(task: FabricTask, cache: DrapeCache) -> bool:
+    """Whether the first state of each of a fabric's scenes is there, with all its variations."""
     for capture in task.captures:
         scene = capture.scene
         mesh = GridMesh(task.resolution_m, scene.setup.sample_size_m)
         key = drape_key(mesh, task.parameters, scene.setup, scene.mechanics, seed=0, jitter=BASE_JITTER)
-        if not cache.has(key):
+        kept = cache.get(key, mesh)
+        if kept is None:
+            return False
+        if kept.ok and not are_at_hand(cache, task.parameters, KeyedDrape(kept, key), scene, task.effects):
             return False
     return True
 

@@ -16,6 +16,7 @@ from capture.capture_set import CAPTURES_FILE
 from diagnosis.effect import SCALAR, Effect, Size
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.groups import group_of
+from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.synthesis import DIAGNOSABLE, SynthesisPlan, make_capture_set, real_fabric
 from renderer.atomic import write_atomically
@@ -24,7 +25,7 @@ from simcore.mechanics import Jitter
 from simcore.mesh import GridMesh
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 from simcore.prior import FabricPrior
-from simcore.scenes import Scene
+from simcore.scenes import Scene, Setup
 
 BLIND_FORMAT = "drape-blind-check/1"
 MANIFEST_FILE = "blind.json"
@@ -124,7 +125,12 @@ class Label:
 
 def visible_effects(plan: BlindPlan) -> list[Effect]:
     """What cases may have in them that the diagnosis knows and captures can show."""
-    return [e for name, e in sorted(catalogue().items()) if name not in (*plan.withhold, *INVISIBLE)]
+    scenes = [SimulationScene(Setup.nominal(scene)) for scene in plan.scenes]
+
+    def shows(effect: Effect) -> bool:
+        return any(effect.apply(scene, effect.typical()) != scene for scene in scenes)
+
+    return [e for name, e in sorted(catalogue().items()) if name not in (*plan.withhold, *INVISIBLE) and shows(e)]
 
 
 def draw_kinds(plan: BlindPlan) -> list[str]:

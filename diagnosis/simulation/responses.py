@@ -178,6 +178,13 @@ def probe_responses(
     return simulator.kept(key, look.probes)
 
 
+def are_at_hand(
+    cache: DrapeCache, fabric: FabricParameters, state: KeyedDrape, scene: SimulationScene, effects: Sequence[str]
+) -> bool:
+    """Whether a state's responses, or those of another one that serve it, are at hand."""
+    return are_kept(cache, _lender(Simulator(cache), fabric, scene, state), scene, effects)
+
+
 def are_kept(cache: DrapeCache, state: KeyedDrape, scene: SimulationScene, effects: Sequence[str]) -> bool:
     """Whether a state's own responses are at hand, those to all these effects included."""
     keys = [_common_key(state, scene), _key("grip", state, scene)]

@@ -103,7 +103,7 @@ def score(
     """
     from diagnosis.blind.make import case_maker, plan_of
     from diagnosis.blind.page import render_page
-    from diagnosis.blind.score import EXAMPLES_FOLDER, answer_cases, classify, read_manifest
+    from diagnosis.blind.score import EXAMPLES_FOLDER, REPORTS_FOLDER, answer_cases, classify, read_manifest
     from diagnosis.blind.score import score as count
     from diagnosis.effects import catalogue
     from renderer.atomic import write_atomically
@@ -131,6 +131,8 @@ def score(
         effects = [name for name in catalogue() if name not in manifest["withhold"]]
         answers = classify(out, train, answers, effects)
     result = count(answers)
+    for failed in sorted((out / REPORTS_FOLDER).glob("*.failed")):
+        console.note(f"{failed.stem} is left out: {failed.read_text(encoding='utf-8').strip()}")
     if page is not None:
         make_folder(page.absolute().parent, "name a place that can be written to")
         write_atomically(page, render_page(manifest, answers, result).encode())

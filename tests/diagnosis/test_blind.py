@@ -23,6 +23,7 @@ from diagnosis.blind.make import (
     draw_label,
     is_sealed,
     make_blind_check,
+    visible_effects,
 )
 from diagnosis.blind.page import render_page
 from diagnosis.blind.score import (
@@ -38,7 +39,7 @@ from diagnosis.blind.score import (
 from diagnosis.effects import catalogue
 from diagnosis.groups import group_of
 from diagnosis.simulation.drape_cache import DrapeCache
-from simcore.errors import InputError
+from simcore.errors import InputError, SimulationError
 
 PLAN = BlindPlan(1, 3, fabrics=1, repeats=1, pool=1, resolution_m=0.02, scenes=("stretch",))
 
@@ -58,6 +59,8 @@ def answer(kind: str, truth: list[dict[str, Any]], top: str, p: float, detected:
     return Answer("case-001", label, report, baselines)
 
 
+CURL = {"name": "edge_curl", "stage": "fabric", "magnitude": 9.0, "unit": "1/m"}
+TILT = {"name": "panel_tilt", "stage": "setup", "magnitude": 5.0, "unit": "degree"}
 DRAFT = {"name": "air_draft", "stage": "environment", "magnitude": 0.33, "unit": "Pa"}
 HEM = {"name": "hem_weight", "stage": "fabric", "magnitude": 20.0, "unit": "g/m"}
 
@@ -84,6 +87,48 @@ def test_answers_are_counted() -> None:
 
 def _manifest() -> dict[str, Any]:
     return {"fabrics": 4, "repeats": 2, "pool": 4, "resolution_m": 0.0125, "withhold": []}
+
+
+def test_a_pair_counts_with_all_that_it_has() -> None:
+    """Two that are named share their probability in halves."""
+    pair = answer("withheld", [CURL], "crease", 0.48)
+    report = dict(pair.report)
+    report["cause"] = {
+        "top": "crease",
+        "probabilities": {"crease": 0.48, "pin_drop": 0.47, "none": 0.05},
+        "effects": [{"name": "crease"}, {"name": "pin_drop"}],
+    }
+    pair = Answer(pair.name, pair.label, report, pair.baselines)
+    assert pair.certainty == pytest.approx(0.95)
+    assert score([pair]).withheld_misnamed.hits == 1
+    twins = answer("named", [TILT], "panel_tilt", 0.6)
+    report = {
+        **twins.report,
+        "cause": {**twins.report["cause"], "probabilities": {"panel_tilt": 0.6, "air_draft": 0.39}},
+    }
+    assert Answer(twins.name, twins.label, report, twins.baselines).certainty == pytest.approx(0.99)
+
+
+def test_what_hanging_alone_cannot_show_is_not_drawn() -> None:
+    both, hanging = BlindPlan(24, 0), BlindPlan(24, 0, scenes=("hanging",))
+    lost = {e.name for e in visible_effects(both)} - {e.name for e in visible_effects(hanging)}
+    assert lost == {"corner_pull"}
+
+
+def test_a_case_that_cannot_be_simulated_stands_in_nobodys_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    case_maker(tmp_path, BlindPlan(2, 3, fabrics=1, repeats=1, pool=1, resolution_m=0.02, scenes=("stretch",)))
+    tried = []
+
+    def make(number: int) -> None:
+        tried.append(number)
+        raise SimulationError(f"case {number} did not come to rest", code="capture_not_still")
+
+    with pytest.raises(InputError, match="no case is diagnosed"):
+        answer_cases(tmp_path, cache=DrapeCache(None), make=make)
+    assert tried == [0, 1]
+    failed = sorted((tmp_path / REPORTS_FOLDER).glob("*.failed"))
+    assert [path.stem for path in failed] == ["case-001", "case-002"]
+    assert "[capture_not_still]" in failed[0].read_text()
 
 
 def test_declared_groups_count_as_one() -> None:

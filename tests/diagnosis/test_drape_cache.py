@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+import importlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from diagnosis.simulation.drape_cache import content_key, drape_key
+from diagnosis.scene import SimulationScene
+from diagnosis.simulation import drape_cache
+from diagnosis.simulation.drape_cache import DrapeCache, content_key, drape_key
+from diagnosis.simulation.state_library import StateLibrary
 from simcore.errors import InputError
 from simcore.mechanics import CurvatureField, Mechanics, UniformCurvature
 from simcore.mesh import GridMesh
@@ -52,6 +59,31 @@ def test_a_users_own_fields_are_told_apart_by_what_they_are() -> None:
     keys = [key(field) for field in (Ripple(5.0), Ripple(6.0), Dent(5.0), UniformCurvature(5.0))]
     assert len(set(keys)) == 4
     assert key(Ripple(5.0)) == keys[0]
+
+
+def test_a_users_class_is_told_apart_by_all_of_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What it does may lie in a constant beside it."""
+    keys = []
+    for size in (1, 2):
+        name = f"own_shape_{size}"
+        text = f"from dataclasses import dataclass\nSIZE = {size}\n@dataclass\nclass Shape:\n    a: int = 1\n"
+        (tmp_path / f"{name}.py").write_text(text)
+        monkeypatch.syspath_prepend(str(tmp_path))
+        shape = importlib.import_module(name).Shape
+        shape.__module__ = name
+        keys.append(drape_cache._source(shape).split()[-1])
+    assert keys[0] != keys[1]
+
+
+def test_states_that_several_processes_add_are_all_kept(tmp_path: Path) -> None:
+    mesh, fabric = GridMesh(0.05), FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2)
+    library = StateLibrary.of(DrapeCache(tmp_path), mesh, fabric, SimulationScene(Setup.nominal("stretch")))
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda n: library.add(SimpleNamespace(key=f"k{n}")), range(20)))  # type: ignore[arg-type]
+    assert set(library._keys()) == {f"k{n}" for n in range(20)}
+    closed = replace(library, cache=DrapeCache(tmp_path, learns=False))
+    closed.add(SimpleNamespace(key="of an opened label"))  # type: ignore[arg-type]
+    assert set(closed._keys()) == {f"k{n}" for n in range(20)}
 
 
 def test_what_came_later_changes_no_key_until_it_is_used() -> None:

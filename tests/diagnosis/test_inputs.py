@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -110,8 +111,13 @@ def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     capture = CaptureTask("c", 0, np.zeros((2, 2), np.float32), scene, True)
     fabric = FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2)
 
-    def costs(*effects: str) -> Forecast:
-        return forecast([FabricTask("f", fabric, (0.1,) * 7, (capture,), effects)], DrapeCache(None))
+    def costs(*effects: str, fabrics: int = 2) -> Forecast:
+        """Of each of some fabrics."""
+        task = FabricTask("f", fabric, (0.1,) * 7, (capture,), effects)
+        found = forecast([task] * fabrics, DrapeCache(None))
+        return replace(
+            found, simulations=found.simulations // fabrics, most_simulations=found.most_simulations // fabrics
+        )
 
     found = costs("air_draft", "range_noise")
     put_up, parameters, pins, draft, beside = 2, 8, 6, 4 + 2, 2  # half sizes on the state's own cells, too
@@ -123,6 +129,9 @@ def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     missed = 12 + 12 + 3  # more samples put up, their magnets brought home, the nearest led on
     alone = put_up + parameters + pins + draft + beside + probes + led
     assert found.most_simulations == alone + looked_at + further + seconds + moved + pairs + missed
+    # with one fabric a wrong parameter and an effect look alike, so nothing is looked at closer
+    one = costs("air_draft", "range_noise", fabrics=1)
+    assert one.most_simulations == put_up + parameters + pins + draft + led + missed
     through_a_camera = costs("air_draft", "range_noise", "camera_rotation")
     assert through_a_camera.most_simulations == found.most_simulations + 4 * 3  # three led on, in each of four rounds
     assert found.simulations == put_up + parameters + pins + draft + led + 3

@@ -12,7 +12,7 @@ from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.evidence import tabulate, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel
-from diagnosis.inference.scatter import SCATTER_LEFT, UNSPANNED, with_scatter
+from diagnosis.inference.scatter import SCATTER_LEFT, UNSPANNED, Scatter, widened, with_scatter
 from diagnosis.inference.smooth_modes import smooth_modes
 from diagnosis.measurement.reference import CELLS
 from diagnosis.simulation.sizes import node_values
@@ -113,3 +113,16 @@ def test_weak_scatter_costs_nothing_where_errors_are_small() -> None:
 def weak(view: View) -> View:
     """With draws that change next to nothing."""
     return replace(view, scatter={name: 1e-3 * rows for name, rows in view.scatter.items()})
+
+
+def test_what_changed_pixels_alone_took_nothing_away_from_the_shape() -> None:
+    """Its response on the cloth is zero, and spans no direction."""
+    model = LikelihoodModel()
+    block = fabrics(0.0)[0]
+    strange = block.stated.measured.copy()
+    strange[0] = 30.0
+    plain = replace(block.stated, measured=strange)
+    scatter = Scatter.of(plain, block, EFFECT, np.array([1e-6]))
+    taken = replace(plain, taken=(np.zeros(len(strange)),))
+    found, expected = (widened(view, scatter, "stretch", model) for view in (taken, plain))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -228,3 +228,11 @@ def test_maps_show_regions_and_kinds_where_they_are() -> None:
         [RegionGap(region="sides", gap=2.0, **row), RegionGap(region="panel", gap=0.5, **row)],
     )
     assert table[6, 1] == table[6, CELLS] == 4.0 and table[0, 3] == 1.0 and np.isnan(table[6, 6])
+
+
+def test_folds_of_hanging_are_no_scatter_where_there_is_stretch() -> None:
+    cause, rows = found_in(scenes=("hanging", "stretch"), effects=(*EFFECTS, "bending_hysteresis"))
+    assert "bending_hysteresis" in cause.probabilities
+    assert one(rows, "fabric", "hanging").effect != "bending_hysteresis"
+    _, alone = found_in(scenes=("hanging",), effects=(*EFFECTS, "bending_hysteresis"))
+    assert one(alone, "fabric", "hanging").p_adjusted > 0.05
