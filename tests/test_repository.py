@@ -20,6 +20,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PACKAGES = ("simcore", "renderer", "capture", "metric", "trainer", "diagnosis", "services")
+NOT_IMPORTED = {"mkl", "psycopg", "python-multipart", "tensorboard"}
+"""What other libraries load by name: a shared library, a driver, a reader of forms, a writer of events."""
 OPTIONAL = {"pyrealsense2"}  # asked for by name where a camera is used
 
 
@@ -84,6 +86,19 @@ def test_every_import_is_a_declared_dependency(repository: Path, project: dict[s
         and not declared & {canonicalize_name(name) for name in distributions.get(module, [module])}
     }
     assert not undeclared
+
+
+def test_every_declared_dependency_is_imported(repository: Path, project: dict[str, Any]) -> None:
+    distributions = packages_distributions()
+    imported = {
+        canonicalize_name(name)
+        for package in PACKAGES
+        for path in (repository / package).rglob("*.py")
+        for module in imported_modules(path)
+        for name in distributions.get(module, [])
+    }
+    declared = {canonicalize_name(Requirement(text).name) for text in project["dependencies"]}
+    assert declared - imported == NOT_IMPORTED
 
 
 def test_no_tracked_file_is_large_and_none_is_generated(repository: Path) -> None:
