@@ -78,7 +78,7 @@ class LpipsBackend:
         check_same_size([r.need_shaded().shape for r in renders])
         if not renders:
             return []
-        return self.features_of(np.stack([lpips_range(r.need_shaded()) for r in renders]))
+        return self._features(np.stack([lpips_range(r.need_shaded()) for r in renders]), range_known=True)
 
     def features_of(self, images: NDArray[np.float32]) -> list[NDArray[np.float16]]:
         """Scaled features of each image.
@@ -89,9 +89,12 @@ class LpipsBackend:
         Raises:
             InputError: other shape or range, constant, or not finite.
         """
+        return self._features(images)
+
+    def _features(self, images: NDArray[np.float32], *, range_known: bool = False) -> list[NDArray[np.float16]]:
         import torch
 
-        check_lpips_images(images)
+        check_lpips_images(images, range_known=range_known)
         found: list[NDArray[np.float16]] = []
         with torch.inference_mode():
             for start in range(0, len(images), _BATCH):
@@ -131,8 +134,12 @@ def lpips_range(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
     return scaled
 
 
-def check_lpips_images(images: NDArray[Any]) -> None:
+def check_lpips_images(images: NDArray[Any], *, range_known: bool = False) -> None:
     """Refuse what LPIPS would take without a word and measure wrongly.
+
+    Args:
+        images: to be compared.
+        range_known: they were scaled here, so that one with nothing below 0 is a bright picture.
 
     Raises:
         InputError: not [N, 3, H, W], below 64 pixels, outside [-1, 1], in [0, 1], constant or not finite.
@@ -156,7 +163,7 @@ def check_lpips_images(images: NDArray[Any]) -> None:
             f"LPIPS takes values from -1 to 1, got {low.min():g} to {high.max():g}: map [0, 255] by x / 127.5 - 1",
             code="image_range",
         )
-    if (low >= 0.0).any():
+    if (low >= 0.0).any() and not range_known:
         raise InputError(
             "LPIPS takes values from -1 to 1 and a picture has none below 0, as if it were in [0, 1]: map it by 2x - 1",
             code="image_range",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -81,6 +82,12 @@ def test_refuses_unusable_images(backend: LpipsBackend, images: np.ndarray, code
     with pytest.raises(InputError) as caught:
         backend.features_of(images)
     assert caught.value.code == code
+
+
+def test_a_bright_photograph_is_no_picture_from_zero_to_one(backend: LpipsBackend) -> None:
+    bright = np.random.default_rng(0).integers(128, 256, (96, 96, 3), dtype=np.uint8)
+    (features,) = backend.features([SimpleNamespace(need_shaded=lambda: bright)])  # type: ignore[list-item]
+    assert np.isfinite(features).all()
 
 
 def test_refuses_pictures_of_different_size(backend: LpipsBackend, make_render: Callable[..., DrapeRender]) -> None:
