@@ -175,7 +175,7 @@ def test_a_conflict_with_the_same_request_is_its_first_answer(database: Database
         def _replay(self, session: Session) -> JSONResponse | None:
             return next(looks, super()._replay(session))
 
-    again = Late(late.database, late.caller, late.key, late.fingerprint).answer(taken)
+    again = Late(late.database, late.caller, late.key, late.fingerprint, late.hours).answer(taken)
     assert (again.status_code, again.body) == (201, first.body) and again.headers["idempotent-replayed"] == "true"
     with pytest.raises(ProblemError) as caught:
         once(None).answer(taken)
