@@ -29,6 +29,9 @@ there 13 and 18 (decision 027). Of later ones 188 were there, eight below 0.1 an
 six and six (decision 035)."""
 NEEDED = 0.9
 """A second effect leaves less than this share of what the first alone leaves, or it is not needed."""
+HARDLY_MORE = 1.25
+"""What one effect leaves, over the scatter of repeats, below which a second one on the cloth is doubted twice (decision
+039)."""
 SHOWN = 0.15
 """A second effect on the cloth beside one on camera or sensor closes more than this share of the gap that the first
 leaves, the fabric that speaks most for it left out: 0.09 of one that was not there, 0.95 and more of four true ones."""
@@ -148,8 +151,11 @@ def _others(measured: Measured, fabric: str | None) -> Array:
 def times_needless(together: Shrinkage, alone: Shrinkage) -> int:
     """How often simulations afresh, held against captures that were held out, say that one effect does as well as two.
 
-    Once where both leave about as much as one; twice where that is no more than repeats scatter, besides.
+    Once where both leave about as much as one; twice where one leaves hardly more than repeats scatter, whatever both
+    leave: what repeats do by chance needs no cause.
     """
-    if not (together.simulated_afresh and alone.simulated_afresh and together.after > NEEDED * alone.after):
+    if not (together.simulated_afresh and alone.simulated_afresh):
         return 0
-    return 2 if alone.repeats is not None and alone.after <= alone.repeats else 1
+    if alone.repeats is not None and alone.after <= HARDLY_MORE * alone.repeats:
+        return 2
+    return 1 if together.after > NEEDED * alone.after else 0
