@@ -22,11 +22,10 @@ from diagnosis.afresh.second import look_for_second
 from diagnosis.afresh.through import look_through
 from diagnosis.afresh.together import look_together
 from diagnosis.atlas import forecast
-from diagnosis.effect import SCALAR
+from diagnosis.cause_report import cause_report
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.gap.detection import detect
 from diagnosis.gap.where import where_gaps
-from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.inference.block import Block, PixelBlock, make_block, make_pixel_block
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.granted import likeliest
@@ -34,8 +33,7 @@ from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.repeats import pin_scatter
 from diagnosis.inference.subtract import pixels_without, without
-from diagnosis.isolability import not_separable
-from diagnosis.report import CauseReport, CostReport, FoundEffect, GapReport
+from diagnosis.report import CostReport, GapReport
 from diagnosis.shrinkage.held_out import Held, Judge, Measured, measure_shrinkage
 from diagnosis.shrinkage.in_report import complete
 from diagnosis.shrinkage.refutation import judged
@@ -43,7 +41,7 @@ from diagnosis.shrinkage.splits import folds_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Cost, Simulator
 from diagnosis.tasks.enough import partly_seen
-from diagnosis.tasks.fabric_task import FabricResult, explain_fabric
+from diagnosis.tasks.fabric_task import FabricResult, explain_fabric, not_at_rest
 from diagnosis.tasks.preparation import prepare_tasks
 from diagnosis.version import MODEL_VERSION
 from diagnosis.workers import ALONE, Workers
@@ -51,8 +49,6 @@ from simcore.errors import InputError
 
 ROUGH = 0.05
 """Probability that a response on the coarse mesh is of other folds than those the effect gives, in ``stretch``."""
-CLOSE = 2.0
-"""An effect whose log evidence comes this near to the named one's is not told apart from it."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +239,7 @@ class _Conclusion:
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),
             where=where_gaps(blocks, pixels, cause, self.model),
-            cause=_cause_report(cause, blocks, pixels, self.model),
+            cause=cause_report(cause, blocks, pixels, self.model),
             shrinkage=shrinkage,
             parameters_refitted=True,
             cost=CostReport(
@@ -316,20 +312,6 @@ def _all_alike(noise: NoiseModel) -> NoiseModel:
     return replace(noise, grip_alike=True)
 
 
-def not_at_rest(results: Sequence[FabricResult]) -> list[str]:
-    """In words, fabrics whose nearest simulation is none that came to rest."""
-    found = {
-        (r.task.id, c.scene): c.base.drape.reason or c.base.drape.status.value
-        for r in results
-        for c in r.captures
-        if not c.base.drape.ok
-    }
-    return [
-        f"fabric {name} in {scene} is compared with a simulation that is not at rest ({why}): use a finer --resolution"
-        for (name, scene), why in found.items()
-    ]
-
-
 def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:
     """Fabric by fabric, scene by scene."""
     return [
@@ -354,64 +336,3 @@ def _cost(results: Sequence[FabricResult], looks: Mapping[str, FreshLook]) -> Co
     for account in (*(r.cost for r in results), *(look.simulator.cost for look in looks.values())):
         cost.add(account)
     return cost
-
-
-def _cause_report(cause: Cause, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> CauseReport:
-    near: set[str] = set()
-    for name in cause.named:
-        near |= group_of(name)
-        near |= as_likely(cause, name)
-        if not get_effect(name).random_repeats:
-            near |= set(not_separable(name, cause.size(name), blocks, pixels, model))
-    near -= {*cause.named, *NOT_EFFECTS}
-    return CauseReport(
-        probabilities=dict(cause.probabilities),
-        top=cause.top,
-        effects=tuple(_found(cause, name) for name in cause.named),
-        not_separable_from=tuple(sorted(near & set(cause.probabilities))),
-    )
-
-
-def as_likely(cause: Cause, name: str) -> set[str]:
-    """What might stand in place of a named effect; of two named, beside the other one."""
-    if len(cause.named) < 2 or cause.pair is None:
-        least = cause.evidence[name].log_evidence - CLOSE
-        return {other for other, evidence in cause.evidence.items() if evidence.log_evidence > least}
-    beside = next(other for other in cause.named if other != name)
-    both = {cause.pair.first, cause.pair.second}  # as weighed: those that were tried are, too
-    own = next((pair for pair in cause.tried if {pair.first, pair.second} == both), cause.pair)
-    least = own.evidence.log_evidence - CLOSE
-    near = [pair for pair in cause.tried if pair.evidence.log_evidence > least]
-    return {other for pair in near for other in (pair.first, pair.second) if beside in (pair.first, pair.second)}
-
-
-def _found(cause: Cause, name: str) -> FoundEffect:
-    effect = get_effect(name)
-    size, interval = dict(cause.size(name)), dict(cause.evidence[name].interval_90)
-    if len(cause.named) == 2 and cause.pair is not None:
-        # the pair moves the sizes: intervals move along
-        if name == cause.pair.second:
-            interval = dict(cause.pair.evidence.interval_90)
-        else:
-            interval = moved_along(interval, cause.evidence[name].size, size)
-    scalar = SCALAR in size
-    return FoundEffect(
-        name=name,
-        stage=effect.stage.value,
-        magnitude=size[SCALAR] if scalar else size,
-        unit=effect.unit,
-        interval_90=interval[SCALAR] if scalar else interval,
-        place={} if effect.random_repeats or not scalar else {k: v for k, v in size.items() if k != SCALAR},
-    )
-
-
-def moved_along(
-    interval: Mapping[str, tuple[float, float]], alone: Mapping[str, float], size: Mapping[str, float]
-) -> dict[str, tuple[float, float]]:
-    """An interval of a size that turned out to be another: as wide as before, of one number of the same sign in
-    proportion.
-    """
-    if list(interval) == [SCALAR] and alone[SCALAR] * size[SCALAR] > 0.0:
-        low, high = interval[SCALAR]
-        return {SCALAR: (low * size[SCALAR] / alone[SCALAR], high * size[SCALAR] / alone[SCALAR])}
-    return {k: (a + size[k] - alone[k], b + size[k] - alone[k]) for k, (a, b) in interval.items()}

@@ -131,6 +131,8 @@ def answer_cases(
                     continue
                 if _is_answered(path):  # by another process, since we looked
                     continue
+                failed = path.with_suffix(".failed")
+                failed.unlink(missing_ok=True)
                 try:
                     if make is not None:
                         make(number)
@@ -138,7 +140,7 @@ def answer_cases(
                         continue
                     _answer(out, name, options, cache)
                 except SimulationError as error:  # seeds are fixed: it would stand in the way of all others for good
-                    write_atomically(path.with_suffix(".failed"), f"{error} [{error.code}]\n".encode())
+                    write_atomically(failed, f"{error} [{error.code}]\n".encode())
                     continue
             if on_case is not None:
                 on_case(1.0)

@@ -375,7 +375,7 @@ def other_radius_m(setup: Setup, cell_m: float) -> float:
     """Of magnets that hold a point where the stated ones hold a patch on such cells, or a patch where a point [m]."""
     if setup.pin_radius_m > 0.5 * cell_m:
         return 0.0
-    return PATCH_RADIUS_M if cell_m <= 0.01 else min(1.1 * cell_m, max(PATCH_RADIUS_M, LARGEST_PATCH_M))
+    return PATCH_RADIUS_M if cell_m <= 0.01 else min(1.1 * cell_m, LARGEST_PATCH_M)
 
 
 def smaller(scene: SimulationScene) -> SimulationScene:

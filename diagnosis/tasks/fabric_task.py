@@ -124,6 +124,20 @@ class FabricResult:
     cost: Cost = field(default_factory=Cost)
 
 
+def not_at_rest(results: Sequence[FabricResult]) -> list[str]:
+    """In words, fabrics whose nearest simulation is none that came to rest."""
+    found = {
+        (r.task.id, c.scene): c.base.drape.reason or c.base.drape.status.value
+        for r in results
+        for c in r.captures
+        if not c.base.drape.ok
+    }
+    return [
+        f"fabric {name} in {scene} is compared with a simulation that is not at rest ({why}): use a finer --resolution"
+        for (name, scene), why in found.items()
+    ]
+
+
 @dataclass(frozen=True)
 class SeenState:
     """A base state as one camera sees it, with what its variations look like."""

@@ -131,8 +131,7 @@ def score(
         effects = [name for name in catalogue() if name not in manifest["withhold"]]
         answers = classify(out, train, answers, effects)
     result = count(answers)
-    for failed in sorted((out / REPORTS_FOLDER).glob("*.failed")):
-        console.note(f"{failed.stem} is left out: {failed.read_text(encoding='utf-8').strip()}")
+    _tell_left_out(out / REPORTS_FOLDER)
     if page is not None:
         make_folder(page.absolute().parent, "name a place that can be written to")
         write_atomically(page, render_page(manifest, answers, result).encode())
@@ -141,6 +140,11 @@ def score(
         console.emit_json({**values, "cases": len(answers)})
         return
     console.say(f"named right {result.top1}; stage {result.stage}; alarms without cause {result.false_alarms}")
+
+
+def _tell_left_out(reports: Path) -> None:
+    for failed in sorted(reports.glob("*.failed")):
+        console.note(f"{failed.stem} is left out: {failed.read_text(encoding='utf-8').strip()}")
 
 
 def _plain(value: object) -> object:

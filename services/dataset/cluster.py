@@ -43,6 +43,7 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
     if is_local(address):
         # Ray's workers look for modules in the folder where it was started, and before all others: it may have a
         # `metric.py` of somebody else's.
+        _name_folders_whole()
         with chdir(Path(__file__).parents[2]):
             ray.init(
                 address="local",
@@ -68,6 +69,13 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
         ) from None
     finally:
         ray.shutdown()
+
+
+def _name_folders_whole() -> None:
+    """Let what the environment names be the same folders for workers, which are in another one."""
+    for name in ("DRAPEMETER_CACHE", "DRAPEMETER_KERNEL_CACHE", "DRAPEMETER_WEIGHTS", "XDG_CACHE_HOME"):
+        if os.environ.get(name):
+            os.environ[name] = str(Path(os.environ[name]).absolute())
 
 
 def is_local(address: str | None) -> bool:

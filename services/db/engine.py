@@ -21,6 +21,8 @@ from simcore.errors import InputError, MissingResourceError
 
 DATABASE_AWAY = (OperationalError, InternalError, PoolTimeoutError)
 """What is raised where the database does not answer, only reads (a standby), or has no connection left."""
+DATABASE_FAILED = (DBAPIError, PoolTimeoutError)
+"""Whatever the database or a connection to it raises."""
 BUSY_TIMEOUT_S = 30
 """How long a SQLite writer waits for another process's transaction."""
 CONNECT_S, ANSWER_S = 5, 15

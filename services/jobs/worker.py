@@ -14,9 +14,9 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import structlog
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DataError, SQLAlchemyError
 
-from services.db.engine import Database
+from services.db.engine import DATABASE_AWAY, DATABASE_FAILED, Database
 from services.jobs.execute import execute, gather
 from services.jobs.maintenance import purge
 from services.jobs.queue import Claim, JobQueue
@@ -79,13 +79,13 @@ class JobWorker:
                         self._stopping.wait(POLL_S)
                     else:
                         self.work(claim)
-                except DBAPIError as error:
+                except DATABASE_FAILED as error:
                     self._runner.stop()
                     self._say_away(error)
                     self._stopping.wait(AWAY_S)
         finally:
             self._runner.stop()
-            with suppress(DBAPIError):
+            with suppress(*DATABASE_FAILED):
                 self._queue.leave(self.name)
             log.info("worker_stopped", worker=self.name)
 
@@ -131,7 +131,7 @@ class JobWorker:
                 try:
                     going_on = self._queue.renew(claim, progress=latest.fraction, message=latest.message)
                     self._keep_house()
-                except DBAPIError as error:
+                except DATABASE_FAILED as error:
                     self._say_away(error)  # and go on: should another worker have taken the job, nothing is stored
                 if not going_on:
                     self._runner.stop()
@@ -149,13 +149,12 @@ class JobWorker:
                     return "given_back"
 
     def _settle(self, claim: Claim, event: Done | Refused | Crashed) -> str:
-        if isinstance(event, Done):
-            output: TaskOutput = event.value
-            stored = self._insist(lambda: self._queue.succeed(claim, output.result, output.files))
-            return "succeeded" if stored else "lease_lost"
         if isinstance(event, Refused) and event.code in CLUSTER_AWAY and self._waits_for_cluster(claim):
             self._give_back_for_now(claim, event.detail)
             return "given_back"
+        self._cluster_away_since.pop(claim.id, None)
+        if isinstance(event, Done):
+            return self._store(claim, event.value)
         if isinstance(event, Refused):
             self._refuse(claim, event.code, event.detail)
             return "failed"
@@ -166,17 +165,23 @@ class JobWorker:
         self._refuse(claim, "internal_error", "the job failed in a way that nobody foresaw; see the worker's log")
         return "failed"
 
+    def _store(self, claim: Claim, output: TaskOutput) -> str:
+        """What a job has made; what the database does not take is a failure of the job, whoever runs it again."""
+        try:
+            stored = self._insist(lambda: self._queue.succeed(claim, output.result, output.files))
+        except DataError as error:
+            log.error("result_refused", job=claim.id, error=str(error.orig))
+            self._refuse(claim, "internal_error", "the result cannot be stored; see the worker's log")
+            return "failed"
+        return "succeeded" if stored else "lease_lost"
+
     def _refuse(self, claim: Claim, code: str, detail: str) -> None:
         self._insist(lambda: self._queue.fail(claim, code, detail))
 
     def _waits_for_cluster(self, claim: Claim) -> bool:
         """Whether a job goes on waiting for a cluster that is away; it does so for a while from the first time on."""
         now = time.monotonic()
-        since = self._cluster_away_since.setdefault(claim.id, now)
-        if now - since < self._settings.job_cluster_patience_s:
-            return True
-        del self._cluster_away_since[claim.id]
-        return False
+        return now - self._cluster_away_since.setdefault(claim.id, now) < self._settings.job_cluster_patience_s
 
     def _give_back_for_now(self, claim: Claim, why: str) -> None:
         """What cannot be done here and now is no fault of the job: it is begun again a little later."""
@@ -190,7 +195,7 @@ class JobWorker:
         while True:
             try:
                 return store()
-            except DBAPIError as error:
+            except DATABASE_AWAY as error:
                 if self._stopping.is_set():
                     until = until if until is not None else time.monotonic() + self._settings.job_shutdown_grace_s
                     if time.monotonic() >= until:
@@ -198,10 +203,10 @@ class JobWorker:
                 self._say_away(error)
                 time.sleep(POLL_S)
 
-    def _say_away(self, error: DBAPIError) -> None:
+    def _say_away(self, error: SQLAlchemyError) -> None:
         """Tell it; those who come back must have time to renew their leases before they are taken from them."""
         self._reaps_from = time.monotonic() + self._settings.job_lease_s
-        log.warning("database_away", worker=self.name, error=str(error.orig))
+        log.warning("database_away", worker=self.name, error=str(getattr(error, "orig", None) or error))
 
     def _abandon(self, claim: Claim, *, lost: bool) -> str:
         if lost:

@@ -6,6 +6,7 @@ import socket
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from renderer.store_location import is_remote, local_path
 from services.dataset.cluster import ray_cluster
 from simcore.errors import DrapemeterError, InputError
 
@@ -106,6 +107,8 @@ def train_on_ray(
     if ranks < 1:
         raise InputError(f"{ranks} ranks: give at least 1", code="ranks")
     _check_store(store, config, start, ranks)
+    if not is_remote(store):
+        store = str(local_path(store).absolute())  # Ray's workers are in another folder
     with ray_cluster(address, ranks * config.threads):
         return _train(store, config, start, ranks, report)
 

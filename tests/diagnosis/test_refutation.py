@@ -76,6 +76,13 @@ def test_an_effect_that_closes_nothing_is_not_refuted() -> None:
     assert not is_refuted(Measured(shrinkage(WORSE + 0.01, 1.0), ()))
 
 
+def test_near_the_scatter_of_repeats_a_hair_more_refutes_nothing() -> None:
+    """0.50 mm before, 0.5001 after, repeats 0.51: a share of -1, and no difference at all."""
+    close = shrinkage(-1.0, 0.0).model_copy(update={"before": 0.5, "after": 0.5001})
+    assert not is_refuted(Measured(close, ()))
+    assert is_refuted(Measured(close.model_copy(update={"after": 0.52}), ()))
+
+
 def test_known_responses_alone_refute_nothing() -> None:
     assert not is_refuted(Measured(shrinkage(-1.0, 0.0, afresh=False), ()))
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.diagnose import as_likely, moved_along
+from diagnosis.cause_report import as_likely, moved_along
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.inference import pairs as pairs_module

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select, text, update
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import DataError, OperationalError
 
 from services.api.auth import EVERYBODY
 from services.api.idempotency import Answer, Once
@@ -304,6 +304,18 @@ def test_a_job_outlives_a_database_that_is_away_for_longer_than_its_lease(
     assert (job.status, job.attempts) == (JobStatus.SUCCEEDED, 1)
     assert refused[-1] - refused[0] > 0.5  # longer than the lease
     assert runner.left <= 0  # it was never begun again
+
+
+def test_a_result_that_the_database_does_not_take_fails_its_job(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: JobQueue, *given: Any, **more: Any) -> bool:
+        raise DataError("UPDATE", {}, Exception("unsupported Unicode escape sequence"))
+
+    monkeypatch.setattr(JobQueue, "succeed", refuse)
+    job = worked(database, add(database), Working(2))
+    assert job.status == JobStatus.FAILED and job.attempts == 1
+    assert job.problem is not None and job.problem["code"] == "internal_error"
 
 
 @pytest.mark.parametrize("name", ["renew", "beat", "succeed", "claim"])

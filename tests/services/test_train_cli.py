@@ -200,9 +200,12 @@ def test_the_real_capture(model: Path, shared_dir: Path, capsys: pytest.CaptureF
 
 @pytest.mark.ray
 @pytest.mark.slow
-def test_two_ranks_on_ray_train_one_model(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_ranks_on_ray_train_one_model(
+    store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = str(tmp_path / "m")
-    document = run_json(capsys, "train", "--store", str(store), "--out", out, *QUICK, "--ranks", "2")
+    monkeypatch.chdir(store.parent)  # workers are in another folder
+    document = run_json(capsys, "train", "--store", store.name, "--out", out, *QUICK, "--ranks", "2")
     assert document["metrics"]["materials"]["test"] == 2
     code, said = failure(capsys, "train", "--store", str(store), "--out", out, *QUICK, "--ranks", "5")
     assert code == 2 and "5 loaders but only 4 shards" in said

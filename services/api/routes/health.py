@@ -10,14 +10,13 @@ from fastapi.responses import JSONResponse
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 from pydantic import BaseModel
 from sqlalchemy import select
-from sqlalchemy.exc import DBAPIError
 
 from services.api.auth import Caller, require
 from services.api.documented import problems
 from services.api.model_folder import find_model
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
-from services.db.engine import DATABASE_AWAY
+from services.db.engine import DATABASE_FAILED
 from services.db.jobs import Worker
 from services.db.migrate import is_usable
 
@@ -62,7 +61,7 @@ def readyz(state: State) -> JSONResponse:
             recent = state.database.now - timedelta(seconds=state.settings.job_lease_s)
             with state.database.read() as session:
                 workers = len(session.scalars(select(Worker.id).where(Worker.seen_at > recent)).all())
-    except (DBAPIError, *DATABASE_AWAY):
+    except DATABASE_FAILED:
         database = "unreachable"
     readiness = Readiness(
         status="ready" if database == "ok" else "not_ready",
