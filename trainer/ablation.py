@@ -18,7 +18,7 @@ from pathlib import Path
 from simcore.errors import InputError
 from trainer.config import AugmentConfig, TrainConfig
 from trainer.dataset import SCENES, Partition, PictureSource, PictureTable
-from trainer.evaluate import Metrics, evaluate, figure
+from trainer.evaluate import Metrics, evaluate, number_text
 from trainer.presets import preset_config
 from trainer.program import make_results_folder, told_in_one_line
 from trainer.train import split_of, steps_of, train, training_pictures
@@ -103,7 +103,7 @@ def table(results: Mapping[str, Metrics], predictor: str = "hanging+stretch") ->
             cells += [
                 f"{metrics.average(predictor, 'mae_range', prefix):.3f}",
                 f"{math.exp(metrics.average(predictor, 'mae_log', prefix)):.2f}",
-                figure(metrics.average(predictor, "spearman", prefix), 3),
+                number_text(metrics.average(predictor, "spearman", prefix), 3),
             ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join(lines)

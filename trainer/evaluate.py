@@ -96,7 +96,7 @@ class Metrics:
         lines.append("|---" * (1 + 2 * len(predictors)) + "|")
         for name in ESTIMATED_NAMES:
             cells = [
-                f"{math.exp(self.scores[p][name].mae_log):.2f} | {figure(self.scores[p][name].spearman)}"
+                f"{math.exp(self.scores[p][name].mae_log):.2f} | {number_text(self.scores[p][name].spearman)}"
                 for p in predictors
             ]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
@@ -158,7 +158,7 @@ def rank_correlation(predicted: FloatArray, truth: FloatArray) -> float:
     return float(spearmanr(predicted, truth).statistic)
 
 
-def figure(value: float, digits: int = 2) -> str:
+def number_text(value: float, digits: int = 2) -> str:
     """For tables; a dash for what is not known."""
     return "-" if math.isnan(value) else f"{value:.{digits}f}"
 

@@ -23,7 +23,7 @@ from capture.prepare import prepare_all
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES
 from simcore.scenes import Scene
-from trainer.evaluate import Score, figure, rank_correlation
+from trainer.evaluate import Score, number_text, rank_correlation
 from trainer.predict import Estimate, Estimator
 from trainer.program import told_in_one_line
 
@@ -109,7 +109,7 @@ def markdown(scores: dict[str, dict[str, Score]]) -> str:
     lines.append("|---" * (1 + 3 * len(scores)) + "|")
     for name in ESTIMATED_NAMES:
         cells = [
-            f"{math.exp(s[name].mae_log):.2f} | {figure(s[name].spearman)} | {s[name].coverage:.2f}"
+            f"{math.exp(s[name].mae_log):.2f} | {number_text(s[name].spearman)} | {s[name].coverage:.2f}"
             for s in scores.values()
         ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")

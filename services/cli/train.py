@@ -152,7 +152,7 @@ def report(model: TrainedModel, out: Path, version: str, seconds: float, json_ou
             }
         )
         return
-    from trainer.evaluate import figure
+    from trainer.evaluate import number_text
     from trainer.split import CALIBRATION_MATERIALS
 
     counts = model.metrics.materials
@@ -167,7 +167,7 @@ def report(model: TrainedModel, out: Path, version: str, seconds: float, json_ou
         )
     for predictor in model.metrics.scores:
         factor = math.exp(model.metrics.average(predictor, "mae_log"))
-        correlation = figure(model.metrics.average(predictor, "spearman"))
+        correlation = number_text(model.metrics.average(predictor, "spearman"))
         coverage = model.metrics.average(predictor, "coverage")
         covered = "" if math.isnan(coverage) else f", 90 % intervals cover {100 * coverage:.0f} %"
         console.say(f"  {predictor:16s} off by a factor {factor:.2f}, rank correlation {correlation}{covered}")
