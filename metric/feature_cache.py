@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import io
-import os
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +13,7 @@ import numpy as np
 from metric.backends import Backend, Channel, Features
 from metric.render import DrapeRender
 from renderer.atomic import write_atomically
+from renderer.trim import mark_used, trim_folder
 
 
 class FeatureCache:
@@ -56,7 +55,8 @@ class FeatureCache:
                 known[key] = value
                 self._keep(key, value)
                 self._write(key, value)
-            self._trim_folder()
+            if self.folder is not None:
+                trim_folder(self.folder, self._disk_bytes, ".npy")
         return [known[key] for key in keys]
 
     def _look_up(self, key: str) -> Features | None:
@@ -68,7 +68,7 @@ class FeatureCache:
         path = self.folder / f"{key}.npy"
         try:
             value = np.load(path, allow_pickle=False)
-            os.utime(path)
+            mark_used(path)
         except (FileNotFoundError, ValueError, EOFError):
             return None
         self._keep(key, value)
@@ -88,22 +88,6 @@ class FeatureCache:
         content = io.BytesIO()
         np.save(content, value)
         write_atomically(self.folder / f"{key}.npy", content.getvalue())
-
-    def _trim_folder(self) -> None:
-        if self.folder is None or not self.folder.is_dir():
-            return
-        found = []
-        for kept in self.folder.glob("*.npy"):
-            with contextlib.suppress(FileNotFoundError):  # another process that keeps its features here removed it
-                facts = kept.stat()
-                found.append((facts.st_mtime, facts.st_size, kept))
-        found.sort()
-        total = sum(size for _, size, _ in found)
-        for _, size, path in found:
-            if total <= self._disk_bytes:
-                break
-            path.unlink(missing_ok=True)
-            total -= size
 
 
 def feature_key(backend: Backend, render: DrapeRender) -> str:

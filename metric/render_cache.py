@@ -18,6 +18,7 @@ from metric.draping import DrapeRequest, RequestResult
 from metric.render import DrapeRender
 from renderer.atomic import write_atomically
 from renderer.camera import CANONICAL_CAMERA
+from renderer.trim import mark_used, trim_folder
 
 CACHE_VARIABLE = "DRAPEMETER_CACHE"
 _ENGINES = ("taichi", "open3d", "numpy", "scipy", "mkl")
@@ -40,9 +41,11 @@ class RenderCache:
 
     Attributes:
         folder: where the files are.
+        most_bytes: how much :meth:`trim` leaves there.
     """
 
     folder: Path
+    most_bytes: int = 10 * 2**30
 
     def load(self, request: DrapeRequest) -> RequestResult | None:
         """The result of an earlier run of the same request, or None."""
@@ -55,6 +58,7 @@ class RenderCache:
                     panel_depth_m=float(data["panel_depth_m"]),
                 )
                 failures = tuple(str(f) for f in data["failures"])
+                mark_used(self._path(request))
                 # with fewer attempts it would not have come to rest
                 return RequestResult(request, render, failures) if len(failures) < request.attempts else None
         except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
@@ -74,6 +78,10 @@ class RenderCache:
             failures=np.array(result.failures, dtype=np.str_),
         )
         write_atomically(self._path(result.request), content.getvalue())
+
+    def trim(self) -> None:
+        """Delete what was not used for longest where more is kept than ``most_bytes``."""
+        trim_folder(self.folder, self.most_bytes, ".npz")
 
     def _path(self, request: DrapeRequest) -> Path:
         words = [

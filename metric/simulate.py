@@ -148,6 +148,8 @@ def simulate_fabrics(
         if cache is not None and result.render is not None:
             cache.save(result)
         _call(on_done)
+    if cache is not None and missing:
+        cache.trim()
     gathered = [
         _gather(fabric, [results[r] for r in requests if r.fabric == fabric and _within(r, first, plan)], plan)
         for fabric, first in zip(fabrics, firsts, strict=True)

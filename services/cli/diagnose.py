@@ -166,6 +166,7 @@ def _diagnose(
 
     with console.progress("simulating", total=_shown(captures)) as bar:
         found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
+    cache.trim()
     make_folder(out, "give another folder for the report")
     earlier = (out / REPORT).exists()
     page = render_html(found, captures.document.name or captures.folder.resolve().name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,6 +85,21 @@ def test_states_that_several_processes_add_are_all_kept(tmp_path: Path) -> None:
     closed = replace(library, cache=DrapeCache(tmp_path, learns=False))
     closed.add(SimpleNamespace(key="of an opened label"))  # type: ignore[arg-type]
     assert set(closed._keys()) == {f"k{n}" for n in range(20)}
+
+
+def test_the_users_cache_keeps_what_was_used_last(tmp_path: Path) -> None:
+    cache = DrapeCache(tmp_path, most_bytes=1500)
+    for key in ("aa", "bb", "cc"):
+        cache.put_arrays(key, {"x": np.random.default_rng(0).normal(size=100)})
+        place = tmp_path / key / f"{key}.npz"
+        os.utime(place, (1000, 1000 + ord(key[0])))
+    assert 500 < place.stat().st_size < 750  # two of the three may stay
+    assert cache.get_arrays("aa") is not None
+    cache.trim()
+    assert [cache.has(key) for key in ("aa", "bb", "cc")] == [True, False, True]
+    atlas = DrapeCache(tmp_path)
+    atlas.trim()  # has no limit
+    assert atlas.has("cc")
 
 
 def test_what_came_later_changes_no_key_until_it_is_used() -> None:

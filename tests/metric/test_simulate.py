@@ -144,9 +144,24 @@ def test_the_cache_keeps_apart_what_differs(tmp_path: Path, monkeypatch: pytest.
     # its first attempt did not come to rest
     assert cache.load(replace(request, attempts=1)) is None
     assert cache.load(replace(request, attempts=2)) is not None
+    replace(cache, most_bytes=10**9).trim()
+    assert cache.load(request) is not None
     for path in tmp_path.glob("*.npz"):
         path.write_bytes(path.read_bytes()[:200])
     assert cache.load(request) is None
+
+
+def test_the_cache_stays_below_its_size(tmp_path: Path) -> None:
+    render = run_request(DrapeRequest(MEDIUM, Scene.HANGING, 0, 7, 0.025)).render
+
+    def runner(requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
+        yield from (RequestResult(r, render) for r in requests)
+
+    simulate_fabrics([MEDIUM], PLAN, runner=runner, cache=RenderCache(tmp_path))
+    sizes = [path.stat().st_size for path in tmp_path.glob("*.npz")]
+    assert len(sizes) == 4
+    simulate_fabrics([STIFF], PLAN, runner=runner, cache=RenderCache(tmp_path, most_bytes=5 * max(sizes)))
+    assert len(list(tmp_path.glob("*.npz"))) == 5
 
 
 def test_a_runner_gets_each_simulation_once() -> None:

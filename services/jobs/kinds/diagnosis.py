@@ -67,6 +67,7 @@ def run(task: Task, report: Report) -> TaskOutput:
     from capture.capture_set import CaptureSet
     from diagnosis.diagnose import diagnose
     from diagnosis.pages.html import render_html
+    from diagnosis.simulation.drape_cache import DrapeCache
 
     inputs = DiagnosisInputs.model_validate(task.inputs)
     options = inputs.options()
@@ -76,6 +77,8 @@ def run(task: Task, report: Report) -> TaskOutput:
     captures = CaptureSet.load(task.scratch)
     shown = {capture.fabric.id for capture in captures.captures}
     advance = counting(report, len(shown), "fabrics")
-    found = diagnose(captures, options, on_fabric=lambda _: advance())
+    drapes = DrapeCache.default()
+    found = diagnose(captures, options, cache=drapes, on_fabric=lambda _: advance())
+    drapes.trim()
     page = render_html(found, captures.document.name or "capture set")
     return TaskOutput(found.report.as_json(), (FileContent("report.html", "text/html", page.encode()),))
