@@ -16,6 +16,9 @@ from simcore.scenes import Setup
 LARGEST_PIN_STRETCH = 1.3
 """Two pins may be this many times as far apart as the cloth between them is long; beyond, any cloth tears."""
 
+FARTHEST_PIN = 10.0
+"""Pins lie within this many of the sample's diagonals of the panel's origin; beyond, the unit is another."""
+
 _CORNERS = {"top_left": (0.0, 0.0), "top_right": (1.0, 0.0), "bottom_right": (1.0, 1.0)}
 
 
@@ -59,6 +62,13 @@ def _check_pins(setup: Setup) -> None:
                 f"pin {name} at z = {place[2]:g} m is behind the panel: give z >= 0, or a set-up without a panel",
                 code="pin_behind_panel",
             )
+        reach = FARTHEST_PIN * math.hypot(*setup.sample_size_m)
+        if math.hypot(*place) > reach:
+            raise InputError(
+                f"pin {name} is {math.hypot(*place):.3g} m from the panel's origin, more than {reach:.3g} m: "
+                "give pin positions on the panel, in metres",
+                code="pin_far",
+            )
     size = np.asarray(setup.sample_size_m)
     for (a, place_a), (b, place_b) in combinations(setup.pins_m.items(), 2):
         cloth = float(np.linalg.norm((np.asarray(_CORNERS[a]) - _CORNERS[b]) * size))
@@ -79,6 +89,13 @@ def _check_pins(setup: Setup) -> None:
     if left is not None and right is not None and left[0] >= right[0]:
         raise InputError(
             f"pin top_left at x = {left[0]:g} m is not left of top_right at x = {right[0]:g} m: give it the smaller x",
+            code="pins_crossed",
+        )
+    bottom = setup.pins_m.get("bottom_right")
+    if bottom is not None and right is not None and bottom[1] >= right[1]:
+        raise InputError(
+            f"pin bottom_right at y = {bottom[1]:g} m is not below top_right at y = {right[1]:g} m: y points up, give "
+            "it the smaller y",
             code="pins_crossed",
         )
 

@@ -25,9 +25,26 @@ LEAST_STIFFENING_STRAIN = 1e-6
 """Cloth whose moduli have doubled at less than this is of no textile, and its stiffness of no float."""
 
 
-def _check_numbers(what: str, *numbers: float) -> None:
+LARGEST = {
+    "gravity_m_s2": 100.0,
+    "air_pressure_pa": 1000.0,
+    "hem_kg_m": 100.0,
+    "trim_kg_m": 100.0,
+    "adhesion_pa": 1000.0,
+    "adhesion_range_m": 0.1,
+    "friction": 100.0,
+}
+"""Beyond these no panel, room or hem is: a number in another unit, most likely."""
+LARGEST_CURVATURE_1_M = 1e4
+LARGEST_CREASE_RAD = 2.0 * math.pi
+
+
+def _check_numbers(what: str, largest: float, *numbers: float) -> None:
     if not all(math.isfinite(n) for n in numbers):
         raise InputError(f"{what} needs finite numbers", code="mechanics")
+    for number in numbers:
+        if abs(number) > largest:
+            raise InputError(f"{what} of {number:g} is beyond {largest:.4g}: is its unit right?", code="mechanics")
 
 
 def _check_width(width_m: float, what: str) -> None:
@@ -54,7 +71,7 @@ class UniformCurvature:
     warp: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_numbers("a uniform curvature", self.weft, self.warp)
+        _check_numbers("a uniform curvature [1/m]", LARGEST_CURVATURE_1_M, self.weft, self.warp)
 
     def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
         """See :class:`CurvatureField`."""
@@ -73,7 +90,7 @@ class EdgeCurl:
     edges: tuple[str, ...] = EDGES
 
     def __post_init__(self) -> None:
-        _check_numbers("an edge curl", self.curvature)
+        _check_numbers("an edge curl [1/m]", LARGEST_CURVATURE_1_M, self.curvature)
         _check_width(self.width_m, "an edge curl's strip")
         if unknown := sorted(set(self.edges) - set(EDGES)):
             raise InputError(f"no edge {unknown[0]!r} to curl: choose of {', '.join(EDGES)}", code="mechanics")
@@ -104,7 +121,7 @@ class Crease:
     width_m: float = 0.02
 
     def __post_init__(self) -> None:
-        _check_numbers("a crease", self.angle_rad)
+        _check_numbers("a crease [rad]", LARGEST_CREASE_RAD, self.angle_rad)
         _check_width(self.width_m, "a crease")
         if self.along not in ("warp", "weft"):
             raise InputError(f"a crease runs along warp or weft, not {self.along!r}", code="mechanics")
@@ -131,7 +148,7 @@ class FrozenCurvature:
     wavelength_m: float = 0.12
 
     def __post_init__(self) -> None:
-        _check_numbers("a frozen curvature", self.amplitude)
+        _check_numbers("a frozen curvature [1/m]", LARGEST_CURVATURE_1_M, self.amplitude)
         _check_width(self.wavelength_m, "a frozen curvature's waves")
         if self.seed < 0:
             raise InputError(f"the seed of a frozen curvature must be 0 or more, not {self.seed}", code="mechanics")
@@ -169,7 +186,7 @@ class Mechanics:
         friction: coefficient of friction between cloth and panel.
 
     Raises:
-        InputError: a value is not finite or has no physical meaning.
+        InputError: a value is not finite, beyond :data:`LARGEST` or has no physical meaning.
     """
 
     gravity: Vector3 = (0.0, -GRAVITY_M_S2, 0.0)
@@ -206,6 +223,11 @@ class Mechanics:
         unsigned = (self.hem_kg_m, *self.trim_kg_m, self.adhesion_pa, self.friction)
         if min(unsigned) < 0.0 or not self.adhesion_range_m > 0.0:
             raise InputError("masses along edges, adhesion and friction cannot be negative", code="mechanics")
+        given = {name: getattr(self, name) for name in LARGEST if hasattr(self, name)}
+        sizes = {**given, "gravity_m_s2": math.hypot(*self.gravity), "trim_kg_m": max(self.trim_kg_m)}
+        for name, size in sizes.items():
+            if abs(size) > LARGEST[name]:
+                raise InputError(f"{name} = {size:g} is beyond {LARGEST[name]:g}: is its unit right?", code="mechanics")
 
 
 @dataclass(frozen=True)

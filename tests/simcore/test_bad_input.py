@@ -14,7 +14,7 @@ import pytest
 from metric.library import load_library
 from simcore.drape import Drape
 from simcore.errors import DrapemeterError, InputError
-from simcore.mechanics import Crease, EdgeCurl, FrozenCurvature, Jitter, Mechanics, UniformCurvature
+from simcore.mechanics import LARGEST, Crease, EdgeCurl, FrozenCurvature, Jitter, Mechanics, UniformCurvature
 from simcore.mesh import GridMesh
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.sampling_tables import read_fabric_list
@@ -128,12 +128,23 @@ def test_scenes_and_set_ups() -> None:
         ((0.3, 0.0, 0.0), "pins_crossed"),
         ((-0.2, 0.0, -0.01), "pin_behind_panel"),
         ((-3.0, 0.0, 0.0), "pins_apart"),
-        ((-0.2, 40.0, 0.0), "pins_apart"),
+        ((-0.2, 40.0, 0.0), "pin_far"),
+        ((-0.2, 1.0, 0.0), "pins_apart"),
     ],
 )
 def test_pins_where_no_sample_can_be_pinned(place: tuple[float, float, float], code: str, solver: Solver) -> None:
     """Behind the panel, in one place, the wrong way round, or so far apart that the cloth between would tear."""
     assert refused(lambda: solver.solve(MEDIUM, HANGING.with_pins(top_left=place)), "pin", "top_left").code == code
+
+
+def test_pins_on_another_panel(solver: Solver) -> None:
+    """All shifted alike, the cloth between them is whole; y counted downwards turns it over."""
+    away = HANGING.with_pins(**{name: (x + 40.0, y, z) for name, (x, y, z) in HANGING.pins_m.items()})
+    assert refused(lambda: solver.solve(MEDIUM, away), "top_left", "metres").code == "pin_far"
+    stretched = Setup.nominal(Scene.STRETCH)
+    x, y, z = stretched.pins_m["bottom_right"]
+    over = stretched.with_pins(bottom_right=(x, -y, z))
+    assert refused(lambda: solver.solve(MEDIUM, over), "bottom_right", "y points up").code == "pins_crossed"
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, "one"])
@@ -162,6 +173,17 @@ def test_mechanics_without_meaning() -> None:
         assert refused(lambda change=change: Mechanics(**change)).code == "mechanics"
 
 
+@pytest.mark.parametrize("name", LARGEST)
+def test_mechanics_in_another_unit(name: str) -> None:
+    def make(size: float) -> Mechanics:
+        if name == "gravity_m_s2":
+            return Mechanics(gravity=(0.0, -size, 0.0))
+        return Mechanics(**{name: (0.0, size, 0.0, 0.0) if name == "trim_kg_m" else size})
+
+    make(LARGEST[name])
+    assert refused(lambda: make(1.01 * LARGEST[name]), name, "unit").code == "mechanics"
+
+
 @pytest.mark.parametrize(
     "make",
     [
@@ -172,6 +194,8 @@ def test_mechanics_without_meaning() -> None:
         lambda: Crease(0.5, along="wrap"),
         lambda: FrozenCurvature(math.nan),
         lambda: FrozenCurvature(1.0, wavelength_m=0.0),
+        lambda: UniformCurvature(weft=-1e5),
+        lambda: Crease(45.0),
         lambda: Jitter(pin_m=-0.001),
         lambda: Jitter(force_weights=math.nan),
     ],
