@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +28,7 @@ from capture.picture import Depth, read_depth
 from capture.setup import pin_source, setup_from_document
 from renderer.atomic import write_atomically
 from renderer.camera import Camera
-from renderer.pose import check_pose
+from renderer.pose import nearest_pose
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
 
@@ -155,7 +156,7 @@ class CaptureSet:
         where = f"{self.folder / CAPTURES_FILE}: capture {entry.id!r}"
         pose = setup.camera_from_panel
         try:
-            camera_from_panel = None if pose is None else check_pose(pose)
+            camera_from_panel = None if pose is None else nearest_pose(pose)
             return Capture(
                 id=entry.id,
                 fabric=self.fabrics[entry.fabric],
@@ -173,15 +174,23 @@ class CaptureSet:
             raise InputError(f"{where}: {error}", code=error.code) from None
 
 
-def picture_path(folder: Path, name: str) -> Path:
-    """Path of a picture named in a set, which must stay inside the folder.
+def picture_path(folder: Path, name: str, *, writing: bool = False) -> Path:
+    """Path of a picture named in a set.
+
+    Args:
+        folder: the set's.
+        name: as the set says it: relative to the folder, inside it.
+        writing: the picture is to be written, so that links must stay inside, too; one that is read may be a link.
 
     Raises:
-        InputError: ``path_outside_set``: absolute, with ``..`` that leads out, or a link that leads out or to itself.
+        InputError: ``path_outside_set``: absolute, with ``..`` that leads out, or a link that leads to itself or, where
+            it is written, out.
     """
     path = folder / name
     try:
-        inside = "\0" not in name and not Path(name).is_absolute() and path.resolve().is_relative_to(folder.resolve())
+        inside = "\0" not in name and not Path(name).is_absolute()
+        inside = inside and Path(os.path.normpath(path)).is_relative_to(os.path.normpath(folder))
+        inside = inside and (path.resolve().is_relative_to(folder.resolve()) or not writing)
     except (RuntimeError, OSError) as error:  # a link that leads to itself: RuntimeError until Python 3.12
         raise InputError(
             f"depth {name!r} cannot be followed ({error}): put the picture itself into the folder",

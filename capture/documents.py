@@ -100,12 +100,13 @@ class SetupDocument(_Model):
     pin_radius_m: NotNegative | None = None
 
     def overridden_by(self, other: SetupDocument | None) -> SetupDocument:
-        """The keys of ``other`` over these; ``pins_m`` scene by scene. An explicit null counts."""
+        """The keys of ``other`` over these; ``pins_m`` pin by pin. An explicit null counts."""
         if other is None:
             return self
         merged = {**self.model_dump(exclude_unset=True), **other.model_dump(exclude_unset=True)}
         if self.pins_m and other.pins_m:
-            merged["pins_m"] = {**self.pins_m, **other.pins_m}
+            scenes = dict.fromkeys((*self.pins_m, *other.pins_m))
+            merged["pins_m"] = {s: {**self.pins_m.get(s, {}), **other.pins_m.get(s, {})} for s in scenes}
         return SetupDocument.model_validate(merged)
 
 

@@ -73,7 +73,7 @@ def record_capture(
     with _alone(folder):
         document = with_capture(folder, new, source.camera)
         added = document.captures[-1]
-        _write(picture_path(folder, added.depth), counts)
+        _write(picture_path(folder, added.depth, writing=True), counts)
         write_captures_json(document, folder)
     if tell is not None:
         for note in taken_for_granted(document, new):

@@ -13,6 +13,8 @@ INCLINATIONS_DEG: tuple[float, ...] = tuple(float(degree) for degree in range(-5
 """The eleven inclinations of the paper's simulation-space augmentation [degree]."""
 
 MAX_INCLINATION_DEG = 45.0
+ROUNDED = 5e-3
+"""What is left of a rotation whose numbers were kept with three decimals is orthonormal within this."""
 
 
 def check_pose(pose: ArrayLike, name: str = "camera_from_panel") -> NDArray[np.float64]:
@@ -29,6 +31,24 @@ def check_pose(pose: ArrayLike, name: str = "camera_from_panel") -> NDArray[np.f
     if not rigid or not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-9):
         raise InputError(f"{name} must be a rotation and a translation (last row 0 0 0 1)", code="pose")
     return matrix
+
+
+def nearest_pose(pose: ArrayLike, name: str = "camera_from_panel") -> NDArray[np.float64]:
+    """The rigid transform that a document states, float64 [4, 4], however its numbers were rounded.
+
+    A rotation that is orthonormal within 1e-6 is taken as it is, one that is so within :data:`ROUNDED` is replaced by
+    the nearest one (by singular values).
+
+    Raises:
+        InputError: it is no rigid transform.
+    """
+    matrix = np.array(pose, dtype=np.float64)
+    if matrix.shape == (4, 4) and np.all(np.isfinite(matrix)):
+        off = float(np.abs(matrix[:3, :3] @ matrix[:3, :3].T - np.eye(3)).max())
+        if 1e-6 < off < ROUNDED:
+            left, _, right = np.linalg.svd(matrix[:3, :3])
+            matrix[:3, :3] = left @ right
+    return check_pose(matrix, name)
 
 
 def invert_pose(pose: ArrayLike) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from capture.capture_set import Capture, CaptureSet
 from capture.documents import FabricDocument, SensorDocument, SetupDocument
 from capture.normalise import NetworkInput
 from capture.prepare import PreparedCapture, prepare_all
+from capture.setup import passed_over
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M
 from diagnosis.tasks.enough import check_kept
@@ -166,6 +167,9 @@ def not_stated(captures: CaptureSet) -> Iterator[str]:
         yield f"pins_m is not stated ({', '.join(pins)}): pins are taken where they are nominally"
     common = captures.document.setup or SetupDocument()
     setups = [common.overridden_by(capture.document.setup) for capture in captures.captures]
+    over = {(c.scene.value, n) for c, s in zip(captures.captures, setups, strict=True) for n in passed_over(c.scene, s)}
+    for scene, name in sorted(over):
+        yield f"pin {name} is stated for {scene}, which has none of that name: the sample is taken as not held there"
     if any(setup.pin_radius_m is None for setup in setups):
         yield "pin_radius_m is not stated: magnets are taken to hold 10 mm round a corner"
     if any(setup.sample_size_m is None for setup in setups):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import socket
+from collections.abc import Callable
 from types import FrameType
 
 import structlog
@@ -20,8 +21,16 @@ SHUTDOWN_S = 10
 log = structlog.get_logger("drapemeter.serve")
 
 
-def run_server(settings: Settings) -> None:
-    """Serve until SIGTERM or Ctrl-C; requests under way are finished, jobs are given back."""
+def run_server(settings: Settings, on_listening: Callable[[str], None] | None = None) -> None:
+    """Serve until SIGTERM or Ctrl-C; requests under way are finished, jobs are given back.
+
+    Args:
+        settings: of the service.
+        on_listening: called with the address once it takes connections.
+
+    Raises:
+        InputError: it cannot listen there.
+    """
     _say_who_may_come(settings)
     workers = WorkerProcesses(settings)
     listener = open_listener(settings.host, settings.port)
@@ -44,6 +53,8 @@ def run_server(settings: Settings) -> None:
     signal.signal(signal.SIGINT, leave)
     workers.start()
     log.info("listening", url=url_of(listener))
+    if on_listening is not None:
+        on_listening(url_of(listener))
     try:
         server.run(sockets=[listener])
     finally:

@@ -73,6 +73,8 @@ def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, f
     shown = {capture.fabric.id for capture in captures.captures}
     if not shown:
         raise InputError(f"{captures.folder}: the set lists no captures", code="no_captures")
+    if unseen := [name for name in captures.fabrics if name not in shown]:
+        console.note(f"no captures of {', '.join(unseen)}: nothing is estimated for it")
     densities: dict[str, float] = {}
     missing = []
     for fabric_id, fabric in captures.fabrics.items():

@@ -41,7 +41,7 @@ def serve(
     migrate: bool = typer.Option(False, "--migrate", help="Bring the database's tables up to date and exit."),
     worker_only: bool = typer.Option(False, "--worker-only", help="Run jobs only, without the web server."),
     seed: int = SEED_FIXED,
-    as_json: bool = typer.Option(False, "--json", help="With --migrate: one JSON document on standard output."),
+    as_json: bool = typer.Option(False, "--json", help="One JSON document on standard output: where it listens."),
 ) -> None:
     given = {
         "host": host,
@@ -63,12 +63,14 @@ def serve(
         from services.jobs.processes import run_workers
 
         _prepare_database(settings)
+        if as_json:
+            console.emit_json({"workers": settings.workers})
         run_workers(settings)
     else:
         from services.api.server import run_server
 
         _prepare_database(settings)
-        run_server(settings)
+        run_server(settings, (lambda url: console.emit_json({"url": url})) if as_json else None)
 
 
 def load_settings(given: dict[str, Any]) -> Settings:

@@ -83,7 +83,10 @@ def simulate(
     from simcore.drape import DrapeStatus
     from simcore.solver import Solver
 
-    drape = Solver(mesh).solve(cloth, changed.setup, seed=seed, mechanics=changed.mechanics, time_limit_s=time_limit)
+    with console.progress("simulating"):
+        drape = Solver(mesh).solve(
+            cloth, changed.setup, seed=seed, mechanics=changed.mechanics, time_limit_s=time_limit
+        )
     if drape.status is not DrapeStatus.DIVERGED:
         picture = take_picture(drape, changed, seed) if pictured else None
         if drape.ok and place is not None and picture is not None:
@@ -122,8 +125,8 @@ def build_scene(
     is given (``bending_hysteresis=magnitude:10,seed:7``).
 
     Raises:
-        InputError: unknown scene or effect, an effect given twice, one that only a picture could show, or magnets that
-            hold more than a quarter of the sample.
+        InputError: unknown scene or effect, an effect given twice, or magnets that hold more than a quarter of the
+            sample.
     """
     from diagnosis.effect import Stage
     from diagnosis.effects import parse_effect
@@ -142,9 +145,7 @@ def build_scene(
         if effect.name in seen:
             raise InputError(f"effect {effect.name} is given twice: give it once", code="effect_twice")
         if effect.stage in (Stage.CAMERA, Stage.SENSOR) and not pictured:
-            raise InputError(
-                f"effect {effect.name} changes the picture alone: ask for one with --depth", code="effect_needs_picture"
-            )
+            console.note(f"effect {effect.name} changes the picture alone: ask for one with --depth")
         seen.add(effect.name)
         before, changed = changed, effect.apply(changed, size)
         if changed == before and any(size[name] != 0.0 for name in effect.components):

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from capture.capture_set import CaptureSet, new_document, write_captures_json
+from capture.capture_set import CaptureSet, new_document, picture_path, write_captures_json
+from capture.documents import SetupDocument
+from capture.setup import passed_over, setup_from_document
+from renderer.pose import pose_from_rotation
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
 from tests.capture.conftest import MakeSet
@@ -79,7 +82,7 @@ def test_pins_come_from_the_set_or_the_pin_distance_or_the_nominal_setup(make_se
     def change(document: dict[str, Any]) -> None:
         document["setup"]["sample_size_m"] = [0.4, 0.4]
         document["setup"]["pins_m"] = {"hanging": given}
-        document["captures"].append({**document["captures"][0], "id": "x", "setup": {"pins_m": {"hanging": {}}}})
+        document["captures"].append({**document["captures"][1], "id": "y", "setup": {"pins_m": {"stretch": {}}}})
 
     found = CaptureSet.load
     folder = make_set(change)
@@ -183,7 +186,6 @@ def test_a_bad_picture_is_found_when_the_set_is_loaded(
         (set_key("captures/0/depth", "../f1-hanging-0.png"), "path_outside_set"),
         (set_key("captures/0/depth", "/etc/hostname"), "path_outside_set"),
         (set_key("captures/0/depth", "a\0b"), "path_outside_set"),
-        (set_key("captures/0/depth", "link.png"), "path_outside_set"),
         (set_key("captures/0/depth", "itself.png"), "path_outside_set"),
         (set_key("setup/camera_from_panel", [[1.0, 0, 0, 0]] * 4), "pose"),
         (set_key("setup/sample_size_m", [50.0, 50.0]), "sample_size"),
@@ -194,13 +196,56 @@ def test_a_bad_picture_is_found_when_the_set_is_loaded(
 )
 def test_bad_values_are_refused_and_say_which_capture(make_set: MakeSet, change: Change, code: str) -> None:
     folder = make_set(change)
-    (folder.parent / "outside.png").write_bytes((folder / "f1-hanging-0.png").read_bytes())
-    (folder / "link.png").symlink_to(folder.parent / "outside.png")
     (folder / "itself.png").symlink_to("itself.png")
     with pytest.raises(InputError) as caught:
         CaptureSet.load(folder)
     assert caught.value.code == code
     assert "captures.json" in str(caught.value)
+
+
+def test_a_picture_that_is_read_may_be_a_link_and_none_is_written_through_one(make_set: MakeSet) -> None:
+    folder = make_set(set_key("captures/0/depth", "link.png"))
+    (folder / "f1-hanging-0.png").rename(folder.parent / "outside.png")
+    (folder / "link.png").symlink_to(folder.parent / "outside.png")
+    first = CaptureSet.load(folder).captures[0]
+    assert first.read_depth().max() > 0.0
+    with pytest.raises(InputError) as caught:
+        picture_path(folder, "link.png", writing=True)
+    assert caught.value.code == "path_outside_set"
+
+
+def test_a_pose_with_few_digits_is_the_nearest_rotation(make_set: MakeSet) -> None:
+    exact = pose_from_rotation((3.05, 0.11, -0.07), (0.01, -0.25, 0.9))
+    rounded = np.round(exact, 3)
+    folder = make_set(set_key("setup/camera_from_panel", rounded.tolist()))
+    found = CaptureSet.load(folder).captures[0]
+    pose = found.camera_from_panel
+    assert pose is not None
+    assert np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() < 1e-12
+    assert np.abs(pose - exact).max() < 1e-3
+    same = np.round(exact, 9).tolist()  # enough digits: as it is stated
+    document = json.loads((folder / "captures.json").read_text())
+    document["setup"]["camera_from_panel"] = same
+    (folder / "captures.json").write_text(json.dumps(document))
+    found = CaptureSet.load(folder).captures[0]
+    assert found.camera_from_panel is not None and found.camera_from_panel.tolist() == same
+
+
+def test_pins_by_corner_on_the_panel_and_no_others(make_set: MakeSet) -> None:
+    """A capture moves one pin of those that the set states; what a scene has not is passed over."""
+    pins = {"top_left": [-0.2, 0, -1e-17], "top_right": [0.2, 0, -3e-4], "bottom_right": [0.2, -0.5, 0]}
+
+    def change(document: dict[str, Any]) -> None:
+        document["setup"]["pins_m"] = {"hanging": pins}
+        document["captures"][0]["setup"] = {"pins_m": {"hanging": {"top_left": [-0.21, 0, 0]}}}
+
+    hanging = CaptureSet.load(make_set(change)).captures[0]
+    assert hanging.setup.pins_m == {"top_left": (-0.21, 0.0, 0.0), "top_right": (0.2, 0.0, 0.0)}
+    document = SetupDocument(pins_m={"hanging": {name: tuple(place) for name, place in pins.items()}})
+    assert passed_over(Scene.HANGING, document) == ["bottom_right"]
+    assert setup_from_document(Scene.HANGING, document).pins_m["top_left"][2] == 0.0
+    bare = document.overridden_by(SetupDocument(panel=False))
+    assert setup_from_document(Scene.HANGING, bare).pins_m["top_right"][2] == -3e-4
 
 
 def test_what_is_no_set_is_said_so(tmp_path: Path) -> None:

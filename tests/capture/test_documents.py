@@ -211,6 +211,8 @@ def test_a_captures_setup_goes_over_the_sets_key_by_key() -> None:
     assert set(merged.pins_m or {}) == {"hanging", "stretch"}
     assert (merged.model_extra or {})["note"] == "kept"
     assert base.overridden_by(None) is base
+    other = SetupDocument.model_validate({"pins_m": {"hanging": {"top_right": [1, 0, 0]}}})
+    assert set((base.overridden_by(other).pins_m or {})["hanging"]) == {"top_left", "top_right"}
 
 
 def test_a_camera_without_distortion_has_none() -> None:

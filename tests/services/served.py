@@ -110,7 +110,7 @@ def serving(folder: Path, *options: str, **settings: str) -> Iterator[Served]:
         [*COMMAND, "serve", "--port", "0", *options],
         env=env,
         stderr=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
+        stdout=subprocess.PIPE if "--json" in options else subprocess.DEVNULL,
         text=True,
     )
     served = Served(process, env["DRAPEMETER_DATABASE"])

@@ -93,7 +93,6 @@ def test_unusable_parameters_exit_2_and_write_nothing(
         (["--effect", "air_draft=strong"], "effect_magnitude"),
         (["--effect", "air_draft=nan"], "effect_magnitude"),
         (["--effect", "air_draft=0.1", "--effect", "air_draft=0.2"], "effect_twice"),
-        (["--effect", "depth_scale=0.01"], "effect_needs_picture"),
     ],
 )
 def test_bad_arguments_exit_2_and_write_nothing(
@@ -108,6 +107,16 @@ def test_bad_arguments_exit_2_and_write_nothing(
     assert main.run([*command(parameters, Path("a.ply")), *arguments]) == 2
     expect_one_line(capsys, code)
     assert list(tmp_path.iterdir()) == [parameters]
+
+
+def test_an_effect_on_pictures_alone_changes_no_drape(
+    parameters: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plain, scaled = tmp_path / "plain.ply", tmp_path / "scaled.ply"
+    assert main.run(command(parameters, plain)) == 0
+    assert main.run(command(parameters, scaled, "--effect", "depth_scale=0.02")) == 0
+    assert "depth_scale changes the picture alone" in capsys.readouterr().err
+    assert read_ply(scaled).vertices.tolist() == read_ply(plain).vertices.tolist()
 
 
 def test_effects_change_drape_and_picture(parameters: Path, tmp_path: Path) -> None:

@@ -186,7 +186,9 @@ def test_a_revoked_key_stops_working_at_once(guarded: tuple[Served, Path]) -> No
 
 
 def test_the_first_key_closes_an_open_server(tmp_path: Path) -> None:
-    with serving(tmp_path, "--workers", "0") as running, running.client() as client:
+    with serving(tmp_path, "--workers", "0", "--json") as running, running.client() as client:
+        assert running.process.stdout is not None
+        assert json.loads(running.process.stdout.readline()) == {"url": running.url}  # where a program finds it
         assert running.log("open_to_this_machine")
         assert client.get("/v1/fabrics").status_code == 200
         key = json.loads(drapemeter(tmp_path, "keys", "create", "--name", "a", "--json").stdout)

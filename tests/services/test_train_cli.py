@@ -144,6 +144,19 @@ def test_estimate_prints_one_document(model: Path, capture_set: Path, capsys: py
         assert fabric["intervals_calibrated"] is False  # three fabrics calibrate nothing
 
 
+def test_a_fabric_without_captures_is_told_of(
+    model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = capture_set / "captures.json"
+    document = json.loads(path.read_text())
+    document["fabrics"].append({"id": "f3", "density": 0.2})
+    path.write_text(json.dumps(document))
+    assert main.run(["estimate", str(capture_set), "--density", "0.15", "--model", str(model), "--json"]) == 0
+    said = capsys.readouterr()
+    assert [f["id"] for f in json.loads(said.out)["fabrics"]] == ["f1", "f2"]
+    assert "no captures of f3" in said.err
+
+
 def test_estimate_prints_a_table(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main.run(["estimate", str(capture_set), "--density", "0.15", "--model", str(model)]) == 0
     said = capsys.readouterr().out
