@@ -160,6 +160,9 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             counts += (bases, states * one, 1 + looks)
             tried = FURTHER + SECOND_EFFECTS * MOST_SIZES + MOST_TRIALS if closer else 0
             missed, again = (len(FURTHER_SEEDS), STARTS[name]) if name == "stretch" else (0, 0)
+            if not all(capture.pose_known for capture in own):  # led and compared again with the pose found again
+                counts += (0, 0, 1)
+                most += (0, len(own) * one, len(own))
             most += (bases + missed, len(own) * (one + beside) + tried, len(own) * (1 + further + again) + missed)
     each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])
     totals = [(int(number.sum()), float(number @ each)) for number in (counts, most)]

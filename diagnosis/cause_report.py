@@ -10,8 +10,8 @@ from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.likelihood import LikelihoodModel
-from diagnosis.isolability import not_separable
 from diagnosis.report import CauseReport, FoundEffect
+from diagnosis.separation import not_separable
 
 CLOSE = 2.0
 """An effect whose log evidence comes this near to the named one's is not told apart from it."""

@@ -3,136 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from capture.capture_set import CaptureSet
-from diagnosis.effect import SCALAR, Effect
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, make_block, make_pixel_block
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel
+from diagnosis.measurement.picture import picture_of
+from diagnosis.separation import SEPARABLE_NATS, Separation, own_nats, separations
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.simulation.sizes import grid, interpolation, node_weights
+from diagnosis.simulation.simulator import Simulator
+from diagnosis.tasks.fabric_task import CaptureTask, FabricResult, FabricTask, base_states, explain_fabric
+from diagnosis.tasks.planned import planned_tasks
 from simcore.mesh import GridMesh
-
-Array = NDArray[np.float64]
-SEPARABLE_NATS = 3.0
-"""Explanations whose expected log likelihoods differ by less cannot be told apart (odds of 20 to 1)."""
-
-
-@dataclass(frozen=True)
-class Separation:
-    """How well one effect can be told from another.
-
-    Attributes:
-        effect, other: the true one, and the one that tries to explain it.
-        share: of the true effect's response (squared, in units of the errors) that the other leaves over; 0 = the same.
-        nats: log likelihood by which the true one is expected to win.
-        own_nats: the same against no effect.
-    """
-
-    effect: str
-    other: str
-    share: float
-    nats: float
-    own_nats: float
-
-
-@dataclass(frozen=True)
-class Signature:
-    """Responses of all blocks and the pixel statistics, side by side, weighted so that half the square is in nats.
-
-    Attributes:
-        blocks, pixels: what they were made from.
-        weight: of a block's square.
-    """
-
-    blocks: Sequence[Block]
-    pixels: PixelBlock
-    weight: float
-
-    def of(self, effect: Effect, size: Mapping[str, float]) -> Array:
-        """Response to an effect of one size, [all]."""
-        return np.asarray(self.rows(effect, _place(effect, size), weights_of(effect, size))[0])
-
-    def rows(self, effect: Effect, place: int, weights: Array) -> Array:
-        """Responses for rows of node weights [sizes, nodes], [sizes, all]."""
-        own = slice(place * weights.shape[1], (place + 1) * weights.shape[1])
-        parts = [self.weight**0.5 * (weights @ b.stated.responses[effect.name][own]) for b in self.blocks]
-        return np.concatenate([*parts, weights @ self.pixels.responses[effect.name][own]], axis=1)
-
-
-def weights_of(effect: Effect, size: Mapping[str, float]) -> Array:
-    """Weights of the nodes (of the size's place) for one size, [1, nodes]."""
-    if effect.vector:
-        return node_weights(effect, size)[None]
-    return interpolation(effect, np.array([size[SCALAR]]))
-
-
-def _place(effect: Effect, size: Mapping[str, float]) -> int:
-    for number, place in enumerate(effect.places):
-        if all(size.get(key, value) == value for key, value in place.items()):
-            return number
-    return 0
-
-
-def leftover(signature: Signature, target: Array, other: Effect) -> float:
-    """Square that is left of a response when another effect explains it as well as it can."""
-    best = float(target @ target)
-    if other.vector:
-        columns = signature.rows(other, 0, np.eye(2 * len(other.components)))
-        return min(best, float(nnls(columns.T, target)[1] ** 2))
-    for place in range(len(other.places)):
-        rows = signature.rows(other, place, interpolation(other, grid(other)))
-        best = min(best, float(np.min(np.sum((target - rows) ** 2, axis=1))))
-    return best
-
-
-def separations(
-    sizes: Mapping[str, Mapping[str, float]], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel
-) -> list[Separation]:
-    """Every effect at a given size against every other; effects that only scatter are left out.
-
-    Args:
-        sizes: effect to the size at which it is to be told from the others.
-        blocks, pixels: of any captures; only responses are used.
-        model: for the share of independent dimensions.
-    """
-    names = list(blocks[0].stated.responses)
-    signature = Signature(blocks, pixels, model.dimension_share)
-    found = []
-    for name, size in sizes.items():
-        if name not in names:
-            continue
-        target = signature.of(get_effect(name), size)
-        square = float(target @ target)
-        for other in names:
-            if other != name and square > 0.0:
-                left = leftover(signature, target, get_effect(other))
-                found.append(Separation(name, other, left / square, 0.5 * left, 0.5 * square))
-    return found
-
-
-def not_separable(
-    name: str, size: Mapping[str, float], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel
-) -> tuple[str, ...]:
-    """Effects that these captures cannot tell from one of this size."""
-    found = separations({name: size}, blocks, pixels, model)
-    return tuple(sorted(s.other for s in found if s.nats < SEPARABLE_NATS))
-
-
-def own_nats(
-    sizes: Mapping[str, Mapping[str, float]], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel
-) -> dict[str, float]:
-    """Log likelihood by which each effect, at a given size, is expected to win against no effect."""
-    signature = Signature(blocks, pixels, model.dimension_share)
-    targets = {name: signature.of(get_effect(name), size) for name, size in sizes.items()}
-    return {name: 0.5 * float(target @ target) for name, target in targets.items()}
+from simcore.scenes import Scene, Setup
 
 
 @dataclass(frozen=True)
@@ -146,12 +33,15 @@ class Isolability:
         own_nats: the same effects against no effect.
         left_out: effects that differ from repeat to repeat: they widen the scatter in no direction of their own, and
             whether one is there hangs on the number of repeats.
+        by_scene: scene to (effect, other) to the nats that this scene alone gives: of every scene that was analysed,
+            and of the one that the captures lack where some effect that shows cannot be told from another.
     """
 
     pairs: tuple[Separation, ...]
     scenes: tuple[str, ...]
     own_nats: Mapping[str, float]
     left_out: tuple[str, ...] = ()
+    by_scene: Mapping[str, Mapping[tuple[str, str], float]] = field(default_factory=dict)
 
     def confused(self) -> tuple[Separation, ...]:
         """The pairs that cannot be told apart."""
@@ -184,62 +74,70 @@ def analyse(
         InputError: captures that cannot be used, or a plan that does not state what pictures would have to tell.
         SimulationError: simulations that do not come to rest.
     """
-    from diagnosis.measurement.picture import picture_of
-    from diagnosis.simulation.simulator import Simulator
-    from diagnosis.tasks.fabric_task import CaptureTask, base_states, explain_fabric
-    from diagnosis.tasks.planned import planned_tasks
-
+    tasks = planned_tasks(captures, effects, resolution_m)
     results = []
-    for task in planned_tasks(captures, effects, resolution_m):
-        simulator = Simulator(cache)
-        shown: list[CaptureTask] = []
-        for capture in task.captures:
-            mesh = GridMesh(task.resolution_m, capture.scene.setup.sample_size_m)
-            base = base_states(simulator, task.parameters, capture.scene, mesh)[0]
-            rng = np.random.default_rng(len(shown))
-            picture = picture_of(base.drape, capture.scene)
-            shown.append(replace(capture, depth=capture.scene.sensor.apply(picture, rng, camera=capture.scene.camera)))
-        results.append(explain_fabric(replace(task, captures=tuple(shown)), cache))
+    for task in tasks:
+        results.append(_simulated(task, cache))
         if on_fabric is not None:
             on_fabric(1.0)
-    noise, model = NoiseModel(), LikelihoodModel()
-    found = [c for r in results for c in r.captures]
-    blocks = [
-        make_block([c for c in r.captures if c.scene == scene], r.task.relative_sigma, noise)
-        for r in results
-        for scene in sorted({c.scene for c in r.captures})
-    ]
-    pixels = make_pixel_block(found, noise)
     typical = {name: get_effect(name).typical() for name in effects if not get_effect(name).random_repeats}
-    pairs = separations(typical, blocks, pixels, model)
-    return Isolability(
-        tuple(sorted(pairs, key=lambda p: p.nats)),
+    model = LikelihoodModel()
+    blocks, pixels = _responses(results)
+    found = Isolability(
+        tuple(sorted(separations(typical, blocks, pixels, model), key=lambda p: p.nats)),
         tuple(sorted({b.scene for b in blocks})),
         own_nats(typical, blocks, pixels, model),
         tuple(name for name in effects if name not in typical),
     )
+    lacking = [scene for scene in Scene if scene.value not in found.scenes]
+    seen = [p for p in found.confused() if p.effect not in found.invisible()]
+    by_scene = {scene: _alone(typical, results, scene) for scene in found.scenes}
+    if seen and lacking:  # would captures there tell them apart?
+        there = [_simulated(_in_scene(task, lacking[0]), cache) for task in tasks]
+        by_scene[lacking[0].value] = _alone(typical, there, lacking[0].value)
+    return replace(found, by_scene=by_scene)
 
 
-REMEDIES: Mapping[frozenset[str], str] = MappingProxyType(
-    {
-        frozenset({"depth_scale", "depth_bias"}): "capture once more from another distance",
-        frozenset({"depth_scale", "camera_translation"}): "capture once more from another distance",
-        frozenset({"depth_bias", "camera_translation"}): "measure the camera's distance, or capture from another one",
-        frozenset({"depth_scale", "focal_scale"}): "capture once more from another distance",
-        frozenset({"air_draft", "panel_tilt"}): "add fabrics of other weight, or lay a level on the panel",
-        frozenset({"pin_drop", "camera_rotation"}): "show the camera the bare panel with a plumb line",
-    }
-)
+def _simulated(task: FabricTask, cache: DrapeCache) -> FabricResult:
+    """A fabric whose captures are its own simulations, as the sensor shows them."""
+    simulator = Simulator(cache)
+    shown: list[CaptureTask] = []
+    for capture in task.captures:
+        mesh = GridMesh(task.resolution_m, capture.scene.setup.sample_size_m)
+        base = base_states(simulator, task.parameters, capture.scene, mesh)[0]
+        rng = np.random.default_rng(len(shown))
+        picture = picture_of(base.drape, capture.scene)
+        shown.append(replace(capture, depth=capture.scene.sensor.apply(picture, rng, camera=capture.scene.camera)))
+    return explain_fabric(replace(task, captures=tuple(shown)), cache)
 
 
-def remedy(pair: Separation) -> str:
-    """What would separate two effects."""
-    known = REMEDIES.get(frozenset({pair.effect, pair.other}))
-    if known is not None:
-        return known
-    stages = {get_effect(pair.effect).stage.value, get_effect(pair.other).stage.value}
-    if "setup" in stages:
-        return "capture once more with another pin distance"
-    if "fabric" in stages:
-        return "capture once more with the sample turned by a quarter"
-    return "add repeats and fabrics"
+def _in_scene(task: FabricTask, scene: Scene) -> FabricTask:
+    """The same fabric, as often, in another scene with its nominal pins."""
+    captures = []
+    for capture in task.captures:
+        setup = capture.scene.setup
+        other = Setup.nominal(
+            scene, sample_size_m=setup.sample_size_m, pin_radius_m=setup.pin_radius_m, panel=setup.panel
+        )
+        captures.append(replace(capture, scene=capture.scene.with_setup(other)))
+    return replace(task, captures=tuple(captures))
+
+
+def _responses(results: Sequence[FabricResult], scene: str | None = None) -> tuple[list[Block], PixelBlock]:
+    """Blocks and shared numbers of all captures, or of those of one scene."""
+    noise = NoiseModel()
+    found = [c for r in results for c in r.captures if scene in (None, c.scene)]
+    blocks = [
+        make_block([c for c in r.captures if c.scene == one], r.task.relative_sigma, noise)
+        for r in results
+        for one in sorted({c.scene for c in r.captures if scene in (None, c.scene)})
+    ]
+    return blocks, make_pixel_block(found, noise)
+
+
+def _alone(
+    typical: Mapping[str, Mapping[str, float]], results: Sequence[FabricResult], scene: str
+) -> dict[tuple[str, str], float]:
+    """Nats between effects by the captures of one scene."""
+    blocks, pixels = _responses(results, scene)
+    return {(p.effect, p.other): p.nats for p in separations(typical, blocks, pixels, LikelihoodModel())}

@@ -16,7 +16,7 @@ from diagnosis.inference.cause import Cause
 from diagnosis.measurement.picture import noise_square
 from diagnosis.simulation.base_state import nearest_state
 from diagnosis.simulation.responses import other_radius_m
-from diagnosis.tasks.fabric_task import CaptureResult, FabricTask, base_states
+from diagnosis.tasks.fabric_task import CaptureResult, FabricTask, base_states, with_grip
 from diagnosis.workers import ALONE, Workers
 
 Array = NDArray[np.float64]
@@ -81,11 +81,13 @@ def judge_grip(looks: Mapping[str, FreshLook], cause: Cause, workers: Workers = 
         workers: that simulate fabrics side by side.
 
     Returns:
-        None where that was not looked into: fewer than two fabrics in ``stretch``, cells that are larger than a
-        patch, or captures that fit as it is stated.
+        None where that was not looked into: fewer than two fabrics in ``stretch``, magnets that are stated to differ
+        between captures, cells that are larger than a patch, or captures that fit as it is stated.
     """
     able = [look for look in looks.values() if _first(look) is not None]
-    if len(able) < 2 or any(not _differs(look.result.task) for look in able):
+    tasks = [look.result.task for look in looks.values()]
+    others = {other_radius_m(c.scene.setup, task.resolution_m) for task in tasks for c in task.captures}
+    if len(able) < 2 or len(others) > 1 or any(not _differs(look.result.task) for look in able):
         return None
     tried = _tried(able[0], cause)
     known = np.array([[_known(look, effects) for effects in tried] for look in able])
@@ -108,13 +110,11 @@ def _best(left: Sequence[Array]) -> Array:
 
 
 def with_other_grip(task: FabricTask) -> FabricTask:
-    """The same fabric with magnets that hold a point where they were said to hold a patch, or the reverse."""
-    captures = []
-    for capture in task.captures:
-        setup = capture.scene.setup
-        setup = replace(setup, pin_radius_m=other_radius_m(setup, task.resolution_m))
-        captures.append(replace(capture, scene=capture.scene.with_setup(setup)))
-    return replace(task, captures=tuple(captures))
+    """The same fabric with magnets that hold a point where they were said to hold a patch, or the reverse.
+
+    All captures' alike: :func:`judge_grip` does not look into sets whose magnets differ.
+    """
+    return with_grip(task, other_radius_m(task.captures[0].scene.setup, task.resolution_m))
 
 
 def _differs(task: FabricTask) -> bool:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from diagnosis.blind.make import INVISIBLE
 from diagnosis.blind.score import Answer, Score
 from diagnosis.groups import GROUPS
 from diagnosis.version import MODEL_VERSION
@@ -47,7 +48,8 @@ def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: S
         "their own, their SHA-256 in the sets, and were opened after these cases had been diagnosed.",
         "",
         f"Cases by kind: {', '.join(f'{k} {n}' for k, n in sorted(kinds.items()))}. Withheld from the catalogue: "
-        f"{', '.join(manifest['withhold']) or 'nothing'}. Declared inseparable, counted as one: {groups}.",
+        f"{', '.join(manifest['withhold']) or 'nothing'}. Declared inseparable, counted as one: {groups}. Never drawn, "
+        f"as these scenes do not show it: {', '.join(INVISIBLE)}.",
         "",
         "| what | measured | aim |",
         "|---|---|---|",

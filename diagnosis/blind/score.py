@@ -28,12 +28,14 @@ from diagnosis.groups import group_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.version import MODEL_VERSION
 from renderer.atomic import write_atomically
-from simcore.errors import InputError, SimulationError
+from simcore.errors import DrapemeterError, InputError, SimulationError
 
 REPORTS_FOLDER = "reports"
 EXAMPLES_FOLDER = "examples"
 CONFIDENT = 0.8
 LEAST_FRACTION = 0.1
+CAPTURES_CANNOT_BE_USED = ("cloth_not_found", "cloth_not_seen", "nothing_in_view", "pins_not_found")
+"""Codes of errors that one case's pictures are to blame for."""
 """A true effect that closes less of the gap says nothing about how much a found one should."""
 
 
@@ -120,6 +122,7 @@ def answer_cases(
     began = time.monotonic()
     manifest = read_manifest(out)
     options = DiagnosisOptions(without=tuple(manifest["withhold"]), workers=workers)
+    options.chosen()
     (out / REPORTS_FOLDER).mkdir(exist_ok=True)
     numbers = range(manifest["cases"])
     with Claims(out) as claims:
@@ -139,7 +142,9 @@ def answer_cases(
                     if not is_sealed(out / name):
                         continue
                     _answer(out, name, options, cache)
-                except SimulationError as error:  # seeds are fixed: it would stand in the way of all others for good
+                except DrapemeterError as error:  # seeds are fixed: it would stand in the way of all others for good
+                    if not _is_of_this_case(error):
+                        raise
                     write_atomically(failed, f"{error} [{error.code}]\n".encode())
                     continue
             if on_case is not None:
@@ -174,9 +179,15 @@ def _answer(out: Path, name: str, options: DiagnosisOptions, cache: DrapeCache) 
     found = diagnose(CaptureSet.load(out / name), options, cache=cache)
     document = found.report.as_json()
     document["baselines"] = baseline_answers(found)
+    document["pin_radius_m"] = found.pin_radius_m
     document["cpu_seconds"] = round(time.process_time() - start, 1)
     _keep_examples(out / EXAMPLES_FOLDER / f"{name}.npz", found)
     write_atomically(out / REPORTS_FOLDER / f"{name}.json", (json.dumps(document, indent=1) + "\n").encode())
+
+
+def _is_of_this_case(error: DrapemeterError) -> bool:
+    """What its simulations or pictures are to blame for, not the plan, the catalogue or the disk."""
+    return isinstance(error, SimulationError) or error.code in CAPTURES_CANNOT_BE_USED
 
 
 def _keep_examples(path: Path, found: Diagnosis) -> None:

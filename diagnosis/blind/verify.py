@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from diagnosis.shrinkage.held_out import Judge, hold_out, numbers_left
 from diagnosis.shrinkage.shares import fraction_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Simulator
-from diagnosis.tasks.fabric_task import explain_fabric
+from diagnosis.tasks.fabric_task import explain_fabric, with_grip
 from diagnosis.tasks.preparation import prepare_tasks
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES
@@ -61,7 +62,11 @@ def verify(
     shrinkage = report["shrinkage"]
     in_numbers = shrinkage is not None and shrinkage["unit"] != "mm"
     floor = 1e-3 * (report["gap"]["noise_floor"] if shrinkage is None or in_numbers else shrinkage["repeats"])
-    fraction, true_fraction = closed(folder, (found, truth), cache, in_numbers=in_numbers, floor_m=floor)
+    held_m = report.get("pin_radius_m")  # how magnets were found to hold, where not as stated
+    close = partial(closed, folder, cache=cache, in_numbers=in_numbers, floor_m=floor)
+    fraction, true_fraction = (
+        close((found, truth)) if held_m is None else (*close((found,), pin_radius_m=held_m), *close((truth,)))
+    )
     covered = None
     if shrinkage is not None:
         low, high = shrinkage["interval_90"]
@@ -75,12 +80,29 @@ def verify(
 
 
 def closed(
-    folder: Path, explanations: Sequence[Sequence[Sized]], cache: DrapeCache, *, in_numbers: bool, floor_m: float
+    folder: Path,
+    explanations: Sequence[Sequence[Sized]],
+    cache: DrapeCache,
+    *,
+    in_numbers: bool,
+    floor_m: float,
+    pin_radius_m: float | None = None,
 ) -> list[float]:
-    """Share of the gap above a floor that each explanation closes on a folder's captures."""
+    """Share of the gap above a floor that each explanation closes on a folder's captures.
+
+    Args:
+        folder: of a capture set.
+        explanations: effects with their sizes.
+        cache: of simulations.
+        in_numbers: judged by the numbers that all captures share, not by the cloth's shape.
+        floor_m: the shape's floor [m].
+        pin_radius_m: what magnets hold round a corner; None: as the set states.
+    """
     names = sorted({name for one in explanations for name, _ in one}) if in_numbers else []
     cache = replace(cache, learns=False)  # cases that are not diagnosed yet must not start from these captures' folds
     tasks, _ = prepare_tasks(CaptureSet.load(folder), names, RESOLUTION_M)
+    if pin_radius_m is not None:
+        tasks = [with_grip(task, pin_radius_m) for task in tasks]
     results = [explain_fabric(task, cache) for task in tasks]
     noise = NoiseModel()
     if in_numbers:

@@ -9,8 +9,8 @@ from diagnosis.diagnose import Diagnosis
 from diagnosis.effect import Effect
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.groups import NOT_EFFECTS, group_of
-from diagnosis.isolability import Separation, remedy
 from diagnosis.pages.where_figure import SURE
+from diagnosis.remedies import remedy
 from diagnosis.report import CauseReport, GapReport, Kind, Region, RegionGap, StageName
 
 SURE_OF_NONE = 0.8
@@ -86,7 +86,7 @@ def separating(cause: CauseReport) -> list[str]:
     alike: dict[tuple[str, str], list[str]] = {}
     for other in cause.not_separable_from:
         own = next((name for name in named if other in group_of(name)), named[0])
-        alike.setdefault((own, remedy(Separation(own, other, 0.0, 0.0, 0.0))), []).append(other)
+        alike.setdefault((own, remedy(own, other)), []).append(other)
     return [f"To tell {own} from {', '.join(others)}: {what}." for (own, what), others in alike.items()]
 
 

@@ -21,7 +21,10 @@ from diagnosis.shrinkage.held_out import refitted_residual, response_of, sized
 from diagnosis.tasks.fabric_task import CaptureResult, CaptureTask
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
-MOST_PICTURES = 6
+MOST_PICTURES = 12
+"""Six fabrics in both scenes; a page of more would take long to load."""
+REPEATS_SHOW = 1.02
+"""Scatter of repeats above the noise floor by more than this is drawn beside it."""
 TOLD = 0.05
 """A declared twin of what is named is told of from this probability on."""
 WIDE = 2.0
@@ -79,7 +82,10 @@ def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
     bars = [("before", found.before, "#2b6cb0"), ("after", found.after, "#38a169")]
     if found.control is not None and set(found.control.effects) != {"none"}:
         bars.append(("wrong effect", found.control.after, "#a0aec0"))
-    return [*bars, ("noise floor", found.noise_floor, "#cbd5e0")]
+    bars.append(("noise floor", found.noise_floor, "#cbd5e0"))
+    if found.repeats is not None and found.repeats > REPEATS_SHOW * found.noise_floor:  # nearer than repeats lie
+        bars.append(("repeats", found.repeats, "#e2e8f0"))
+    return bars
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -119,7 +125,10 @@ def sentence(diagnosis: Diagnosis) -> str:
         share = 100 * report.shrinkage.fraction
         beside = "both" if len(names) == 2 else "it"
         of = "the gap" if report.shrinkage.unit == "mm" else "what panel and pixels show"
-        text += f" With {beside}, {share:.0f} % of {of} above the floor goes away on held-out captures."
+        if share >= 0.5:
+            text += f" With {beside}, {share:.0f} % of {of} above the floor goes away on held-out captures."
+        else:
+            text += f" Yet with {beside}, {of} does not shrink on held-out captures."
     if all(get_effect(name).random_repeats for name in names):
         text += " It makes repeats scatter and shifts none of them: no simulation comes nearer with it."
     return text

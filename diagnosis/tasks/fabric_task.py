@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +79,15 @@ class FabricTask:
     captures: tuple[CaptureTask, ...]
     effects: tuple[str, ...]
     resolution_m: float = 0.01
+
+
+def with_grip(task: FabricTask, pin_radius_m: float) -> FabricTask:
+    """The same fabric with magnets that hold all cloth this near to a corner [m]."""
+    captures = []
+    for capture in task.captures:
+        setup = replace(capture.scene.setup, pin_radius_m=pin_radius_m)
+        captures.append(replace(capture, scene=capture.scene.with_setup(setup)))
+    return replace(task, captures=tuple(captures))
 
 
 @dataclass(frozen=True)

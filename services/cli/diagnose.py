@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from diagnosis.diagnose import Diagnosis, DiagnosisOptions
     from diagnosis.extension import SimulatorExtension
     from diagnosis.isolability import Isolability
+    from diagnosis.separation import Separation
     from diagnosis.simulation.drape_cache import DrapeCache
 
 
@@ -254,7 +255,8 @@ def _build(
 def _isolability(
     captures: CaptureSet, options: DiagnosisOptions, cache: DrapeCache, out: Path, json_output: bool
 ) -> None:
-    from diagnosis.isolability import analyse, remedy
+    from diagnosis.isolability import analyse
+    from diagnosis.remedies import remedy
     from renderer.atomic import write_atomically
 
     with console.progress("simulating", total=_shown(captures)) as bar:
@@ -271,12 +273,20 @@ def _isolability(
     console.say("effects of typical size that such captures cannot tell apart:")
     for pair in found.confused():
         if pair.effect not in found.invisible():
-            console.say(f"  {pair.effect:20s} as {pair.other:20s} {pair.share:.2f} left; {remedy(pair)}")
+            what = remedy(pair.effect, pair.other, found)
+            console.say(f"  {pair.effect:20s} as {pair.other:20s} {pair.share:.2f} left; {what}")
     console.say(f"{out / ISOLABILITY}")
 
 
 def _isolability_json(found: Isolability) -> dict[str, Any]:
-    from diagnosis.isolability import SEPARABLE_NATS, remedy
+    from diagnosis.remedies import remedy
+    from diagnosis.separation import SEPARABLE_NATS
+
+    def row(pair: Separation) -> dict[str, Any]:
+        key = (pair.effect, pair.other)
+        scenes = {scene: nats[key] for scene, nats in found.by_scene.items() if key in nats}
+        said = {"effect": pair.effect, "as": pair.other, "share_left": pair.share, "nats": pair.nats}
+        return {**said, "nats_by_scene": scenes}
 
     return {
         "format": "drape-isolability/1",
@@ -284,11 +294,8 @@ def _isolability_json(found: Isolability) -> dict[str, Any]:
         "threshold_nats": SEPARABLE_NATS,
         "invisible": list(found.invisible()),
         "left_out": list(found.left_out),
-        "confused": [
-            {"effect": p.effect, "as": p.other, "share_left": p.share, "nats": p.nats, "separated_by": remedy(p)}
-            for p in found.confused()
-        ],
-        "pairs": [{"effect": p.effect, "as": p.other, "share_left": p.share, "nats": p.nats} for p in found.pairs],
+        "confused": [{**row(p), "separated_by": remedy(p.effect, p.other, found)} for p in found.confused()],
+        "pairs": [row(p) for p in found.pairs],
     }
 
 

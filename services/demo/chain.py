@@ -89,7 +89,11 @@ def run_chain(out: Path, plan: DemoPlan) -> DemoResult:
             on_done=bar.advance,
         )
         found = gap.explain(
-            out / "drafty", out / "report", resolution_m=plan.coarse_m, workers=min(usable_cores(), len(gap.FABRICS))
+            out / "drafty",
+            out / "atlas",
+            out / "report",
+            resolution_m=plan.coarse_m,
+            workers=min(usable_cores(), len(gap.FABRICS)),
         )
     error, error_of_mean = errors(model)
     return DemoResult(

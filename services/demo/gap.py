@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from capture.capture_set import CaptureSet
 from diagnosis.atlas import build_atlas, open_atlas
@@ -69,14 +68,13 @@ def drafty_captures(
     )
 
 
-def explain(captures: Path, report: Path, *, resolution_m: float, workers: int) -> GapSummary:
-    """Build the captures' atlas on Ray and diagnose with it; write ``report.json`` and ``report.html``."""
+def explain(captures: Path, atlas_folder: Path, report: Path, *, resolution_m: float, workers: int) -> GapSummary:
+    """Build the captures' atlas on Ray, into a folder, and diagnose with it; write the report into another."""
     options = DiagnosisOptions(effects=CANDIDATES, resolution_m=resolution_m, workers=workers)
-    with TemporaryDirectory() as folder:  # what an earlier run left must not shorten this one
-        cache, shown = open_atlas(Path(folder)), CaptureSet.load(captures)
-        parts = atlas_parts(shown, options.chosen(), resolution_m)
-        atlas = build_atlas(parts, cache, solve=solver_on_ray(None, workers))
-        found = diagnose(shown, options, cache=cache)
+    cache, shown = open_atlas(atlas_folder), CaptureSet.load(captures)
+    parts = atlas_parts(shown, options.chosen(), resolution_m)
+    atlas = build_atlas(parts, cache, solve=solver_on_ray(None, workers))
+    found = diagnose(shown, options, cache=cache)
     report.mkdir(exist_ok=True)
     document = found.report.as_json()
     write_atomically(report / "report.json", (json.dumps(document, indent=1) + "\n").encode())

@@ -133,6 +133,14 @@ def test_where_no_effect_decides_nothing_else_is_searched(monkeypatch: pytest.Mo
     assert [one.simulator.cost.simulations for one in looks] == [3, 3]
 
 
+def test_magnets_that_are_stated_to_differ_are_taken_as_stated(monkeypatch: pytest.MonkeyPatch) -> None:
+    left = Left(FAR, {"": (3e-3, 1e-3)})
+    mixed, points = look(), SimulationScene(Setup.nominal(Scene.STRETCH, pin_radius_m=0.0))
+    mixed.result.task.captures.append(SimpleNamespace(scene=points))
+    assert left.judge(monkeypatch, look(), mixed) is None
+    assert left.asked == []
+
+
 def test_else_the_two_likeliest_effects_on_the_cloth_are(monkeypatch: pytest.MonkeyPatch) -> None:
     left = Left(FAR, {"": (3e-3, 2.8e-3), "panel_tilt": (2e-3, 1e-3)})
     grip = left.judge(monkeypatch, look(), look())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,9 +15,9 @@ from diagnosis.effects import catalogue
 from diagnosis.gap.where import where_gaps
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.likelihood import LikelihoodModel
-from diagnosis.isolability import REMEDIES
 from diagnosis.pages.advice import KIND_CHECKS, REGION_CHECKS, STAGE_CHECKS, advice, strongest
-from diagnosis.pages.html import render_html, sentence, size_text
+from diagnosis.pages.html import _bars, render_html, sentence, size_text
+from diagnosis.remedies import KNOWN
 from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap, Shrinkage
 from tests.diagnosis.where_blocks import CURL, EFFECTS, make_blocks, make_pixels
 
@@ -133,7 +134,7 @@ def test_where_no_effect_is_hardly_likelier_than_one_captures_that_decide_are_as
 def test_each_pair_that_captures_do_not_tell_apart_gets_what_separates_it() -> None:
     text = advised(report("depth_bias", alike=("camera_translation", "depth_scale", "off_grain")))
     for other in ("camera_translation", "depth_scale"):
-        assert f"To tell depth_bias from {other}: {REMEDIES[frozenset({'depth_bias', other})]}." in text
+        assert f"To tell depth_bias from {other}: {KNOWN[frozenset({'depth_bias', other})]}." in text
     assert "To tell depth_bias from off_grain: capture once more with the sample turned by a quarter." in text
     draft = advised(report("air_draft", alike=("panel_tilt",)))
     assert "To tell air_draft from panel_tilt: add fabrics of other weight" in draft
@@ -249,12 +250,12 @@ def test_an_answer_from_a_part_of_the_catalogue_does_not_speak_for_all_of_it() -
     assert "no effect that was tried explains it" in sentence(SimpleNamespace(report=made))  # type: ignore[arg-type]
 
 
-def closed(top: str, unit: str = "mm") -> str:
+def closed(top: str, unit: str = "mm", fraction: float = 0.9) -> str:
     """The sentence of a report with a shrinkage, of a gap that is smaller than repeats scatter."""
     made = report(top, 0.95)
     shrinkage = Shrinkage(
-        held_out=("a",), before=6.0, after=1.5, noise_floor=1.0, repeats=1.0, fraction=0.9, interval_90=(0.8, 1.0),
-        unit=unit,
+        held_out=("a",), before=6.0, after=1.5, noise_floor=1.0, repeats=1.0, fraction=fraction, unit=unit,
+        interval_90=(-1.0, 1.0),
     )  # fmt: skip
     gap = made.gap.model_copy(update={"value": 0.3})
     return sentence(SimpleNamespace(report=made.model_copy(update={"shrinkage": shrinkage, "gap": gap})))  # type: ignore[arg-type]
@@ -267,5 +268,17 @@ def test_the_sentence_says_what_it_is_that_goes_away() -> None:
     assert "They differ (panel and pixels by 6.0 standard deviations on held-out captures" in pixels
     assert "the cloth's shape by 0.30 mm" in pixels
     assert "90 % of what panel and pixels show above the floor goes away" in pixels
+    assert "Yet with it, the gap does not shrink" in closed("pin_drop", fraction=-0.03)
     assert "no simulation comes nearer with it" in closed("bending_hysteresis")
     assert "no simulation" not in closed("hem_weight")
+
+
+@pytest.mark.parametrize(("repeats", "names"), [(1.0, []), (2.0, ["repeats"]), (None, [])])
+def test_where_repeats_lie_farther_than_the_explained_ones_both_are_drawn(
+    made: Diagnosis, repeats: float | None, names: list[str]
+) -> None:
+    shrinkage = Shrinkage(
+        held_out=("a",), before=6.0, after=1.0, noise_floor=1.0, repeats=repeats, fraction=1.0, interval_90=(0.8, 1.0)
+    )
+    shown = replace(made, report=made.report.model_copy(update={"shrinkage": shrinkage}))
+    assert [name for name, _, _ in _bars(shown)] == ["before", "after", "noise floor", *names]

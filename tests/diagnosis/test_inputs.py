@@ -106,6 +106,19 @@ def test_repeats_that_hang_alike_cost_one_state_a_fabric() -> None:
     assert three.most_simulations > one.most_simulations
 
 
+def test_a_pose_that_is_found_costs_a_second_pass() -> None:
+    fabric = FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2)
+
+    def cost(pose_error_m: float) -> Forecast:
+        scene = SimulationScene(Setup.nominal("stretch"))
+        capture = CaptureTask("c", 0, np.zeros((2, 2), np.float32), scene, True, pose_error_m)
+        return forecast([FabricTask("f", fabric, (0.1,) * 7, (capture,), CANDIDATES)], DrapeCache(None))
+
+    stated, found = cost(0.0), cost(0.003)
+    assert found.simulations == stated.simulations + 1
+    assert found.most_simulations > stated.most_simulations + 20
+
+
 def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     scene = SimulationScene(Setup.nominal("stretch"))
     capture = CaptureTask("c", 0, np.zeros((2, 2), np.float32), scene, True)

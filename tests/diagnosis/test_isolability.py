@@ -12,7 +12,9 @@ import pytest
 
 from capture.capture_set import CAPTURES_FILE, CaptureSet
 from diagnosis.atlas_part import atlas_parts
-from diagnosis.isolability import analyse, remedy
+from diagnosis.isolability import Isolability, analyse
+from diagnosis.remedies import remedy
+from diagnosis.separation import Separation
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.tasks.planned import planned_tasks
 from diagnosis.tasks.preparation import TYPICAL_DENSITY_KG_M2, prepare_tasks
@@ -48,7 +50,27 @@ def test_axial_errors_look_alike_and_others_do_not(taken: CaptureSet, shelf: Dra
     pair = next(p for p in found.pairs if (p.effect, p.other) == ("depth_bias", "depth_scale"))
     assert pair.share < 0.1
     assert pair.own_nats == found.own_nats["depth_bias"]
-    assert "distance" in remedy(pair)
+    assert "distance" in remedy(pair.effect, pair.other, found)
+    # what such captures cannot tell apart was looked for in the scene that they lack, too
+    assert set(found.by_scene) == {"stretch", "hanging"}
+    assert found.by_scene["stretch"] == {(p.effect, p.other): p.nats for p in found.pairs}
+    assert found.by_scene["hanging"].keys() == found.by_scene["stretch"].keys()
+
+
+def test_what_would_separate_two_effects_is_computed_where_it_can_be() -> None:
+    def found(nats: float, hanging: float) -> Isolability:
+        pair = Separation("pin_spacing", "off_grain", 0.1, nats, 20.0)
+        key = {("pin_spacing", "off_grain"): hanging}
+        return Isolability((pair,), ("stretch",), {}, by_scene={"stretch": {}, "hanging": key})
+
+    pair = ("pin_spacing", "off_grain")
+    assert remedy(*pair, found(2.0, 5.0)) == "capture in hanging, too"
+    assert remedy(*pair, found(1.1, 2.0)) == "about 3 times as many fabrics"
+    assert "pin distance" in remedy(*pair, found(0.1, 2.0)) == remedy(*pair)
+    assert "bare panel" in remedy("range_noise", "quantisation")
+    assert "angle" in remedy("camera_rotation", "focal_scale")
+    assert "quarter" in remedy("rest_curvature", "edge_curl")
+    assert "antistatic" in remedy("panel_adhesion", "air_draft")
 
 
 def test_it_is_known_before_anything_is_captured(taken: CaptureSet, shelf: DrapeCache, tmp_path: Path) -> None:

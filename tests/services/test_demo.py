@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from diagnosis.atlas import open_atlas
 from services.cli import main
 from services.demo.plan import DemoPlan
 from services.demo.steps import MARKER, prepare_folder
@@ -35,6 +36,7 @@ def test_a_tiny_demonstration_leaves_what_its_page_shows(
     assert "stands in" in page
     made = re.search(r"made an atlas first, (\d+) simulations", page)
     assert made and int(made[1]) > 100
+    assert open_atlas(out / "atlas").files()
     shown = re.findall(r'(?:src|href)="([^"]+)"', page)
     assert {"sweep.png", "distances.png", "report/report.html", "hanging-depth.png", "stretch-shaded.png"} <= set(shown)
     for name in shown:
