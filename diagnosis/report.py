@@ -115,6 +115,17 @@ class Perceived(_Model):
     captures: int
 
 
+class SeenRegion(_Model):
+    """Depth in one region of the cloth, or on the panel round it [mm]; no floor and share where repeats give none."""
+
+    region: Region
+    before: float
+    after: float
+    noise_floor: float | None
+    fraction: float | None = None
+    interval_90: tuple[float, float] | None = None
+
+
 class SeenDepth(_Model):
     """The same in millimetres of depth, pixel by pixel, where camera or sensor are what was found."""
 
@@ -124,6 +135,7 @@ class SeenDepth(_Model):
     fraction: float | None = None
     interval_90: tuple[float, float] | None = None
     captures: int
+    regions: tuple[SeenRegion, ...] = ()
 
 
 class RefittedParameters(_Model):

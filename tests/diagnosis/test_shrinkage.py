@@ -151,6 +151,10 @@ def test_what_a_camera_or_sensor_changes_shrinks_in_depth_too(make_set: MakeSet,
     assert depth.noise_floor is not None and 1.0 < depth.noise_floor < 6.0
     assert depth.fraction is not None and depth.interval_90 is not None
     assert depth.interval_90[0] <= depth.fraction <= depth.interval_90[1] <= 1.0 and depth.fraction > 0.6
+    regions = {one.region: one for one in depth.regions}
+    assert set(regions) == {"pins", "top_edge", "sides", "hem", "interior", "panel"}
+    assert regions["panel"].before == pytest.approx(18.0, abs=1.0) and regions["panel"].after < 4.0
+    assert all(one.before > one.after and one.fraction is not None for one in regions.values())
     assert found.parameters == ()
 
 

@@ -106,6 +106,8 @@ def test_a_path_that_goes_up_is_refused(shared_dir: Path) -> None:
 def test_cells_that_do_not_divide_half_a_metre_are_the_diagnosiss_own_business() -> None:
     """It simulates whole cells whatever the sample's size."""
     assert DiagnosisInputs(resolution_m=0.03, most_bytes=1000).options().resolution_m == 0.03
+    assert DiagnosisInputs(lpips=True, most_bytes=1000).options().lpips
+    assert not DiagnosisInputs(most_bytes=1000).options().lpips
 
 
 def test_a_huge_picture_in_a_small_archive_is_refused_at_once(client: httpx.Client, shared_dir: Path) -> None:

@@ -40,6 +40,7 @@ async def create_diagnosis(
     effects: Annotated[str, Form(max_length=2000, description="Try only these, comma-separated.")] = "",
     without: Annotated[str, Form(max_length=2000, description="Leave these effects out, comma-separated.")] = "",
     resolution_m: Annotated[float, Form(ge=0.002, le=0.05, allow_inf_nan=False, description="Mesh cell [m].")] = 0.01,
+    lpips: Annotated[bool, Form(description="Tell the shrinkage in LPIPS, too; some more simulations.")] = False,
     idempotency_key: IdempotencyKey = None,
 ) -> JSONResponse:
     """Simulates for minutes: poll the job. Its `result` is the gap report, `report.html` is among its files.
@@ -50,6 +51,7 @@ async def create_diagnosis(
         effects=_names(effects),
         without=_names(without),
         resolution_m=resolution_m,
+        lpips=lpips,
         most_bytes=state.settings.max_unpacked_bytes,
     )
     await run_in_threadpool(inputs.options)

@@ -27,6 +27,7 @@ class DiagnosisInputs(Strict):
     effects: tuple[str, ...] = ()
     without: tuple[str, ...] = ()
     resolution_m: float = 0.01
+    lpips: bool = False
     most_bytes: int = Field(description="How much the archive may unpack to.")
 
     def options(self) -> DiagnosisOptions:
@@ -37,7 +38,7 @@ class DiagnosisInputs(Strict):
         """
         from diagnosis.diagnose import DiagnosisOptions
 
-        options = DiagnosisOptions(self.effects, self.without, self.resolution_m)
+        options = DiagnosisOptions(self.effects, self.without, self.resolution_m, lpips=self.lpips)
         options.chosen()
         return options
 
