@@ -3,9 +3,10 @@
     python bench/bench_stability.py [--cells 10] [--fabrics 500] [--first 0] [--json stability-10.jsonl]
 
 One line of JSON a drape, appended as it ends, so that a run can be cut and gone on with (``--first``). The last thing
-printed is the table of all lines of the file. Judged here: crossings, heights over the panel, and the residual, by the
-tests' NumPy reference, written apart from the kernels. Taken on the solver's word: the status, that its Hessian has no
-negative eigenvalue there, and whether contact of the cloth with itself was on.
+printed is the table of the file's lines that are of this solver, the last one of each drape. Judged here: crossings,
+heights over the panel, and the residual, by the tests' NumPy reference, written apart from the kernels. Taken on the
+solver's word: the status, that its Hessian has no negative eigenvalue there, and whether contact of the cloth with
+itself was on.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from simcore.parameters import FabricParameters
 from simcore.prior import FabricPrior
 from simcore.scenes import Scene, Setup
 from simcore.solver import Solver
+from simcore.version import SOLVER_VERSION
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # for the tests' reference
 from tests.simcore.judge import cloth_of, positions
@@ -42,6 +44,7 @@ def one(solver: Solver, fabric: FabricParameters, scene: Scene, seed: int) -> di
     cloth = cloth_of(drape, fabric, Setup.nominal(scene), seed=seed, own_contact=apart)
     bending = float(np.sqrt(fabric.bending_warp * fabric.bending_weft))
     return {
+        "solver": SOLVER_VERSION,
         "scene": scene.value,
         "seed": seed,
         "length_mm": 1e3 * (bending / (fabric.density * 9.81)) ** (1 / 3),
@@ -80,6 +83,12 @@ def table(rows: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
+def own_rows(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of this solver, each drape once, as it was draped last."""
+    last = {(row["seed"], row["scene"]): row for row in rows if row.get("solver") == SOLVER_VERSION}
+    return list(last.values())
+
+
 def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
@@ -97,7 +106,7 @@ def main() -> None:
         with out.open("a", encoding="utf-8") as file:
             for scene in Scene:
                 file.write(json.dumps(one(solver, fabric, scene, number)) + "\n")
-    rows = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
+    rows = own_rows([json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()])
     print("\n".join(table(rows)))
     for row in rows:
         if row["status"] != "still":

@@ -29,7 +29,7 @@ from simcore.scenes import GRAVITY_M_S2, Scene, Setup
 from simcore.solver import Solver
 
 from .closed_forms import stretch_under
-from .judge import positions
+from .judge import cloth_of, held_places, positions
 from .reference import Friction
 from .rigs import ANISOTROPIC, FABRICS, Array, Level, Rig, crumpled, laid_out
 
@@ -103,6 +103,21 @@ def test_curvature_left_by_handling_has_the_stated_size_and_no_mesh() -> None:
         assert np.array_equal(a[::4, ::4], b) or np.allclose(a[::4, ::4], b, atol=1e-9)
     other = FrozenCurvature(5.0, seed=5).evaluate(*np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)), (1.0, 1.0))
     assert not np.allclose(other[0], fine[0][:9, :9])
+
+
+@pytest.mark.parametrize("seed", [2, 4, 9])
+def test_curvature_left_by_handling_that_hardly_varies_is_taken_by_a_free_strip(seed: int) -> None:
+    """Waves of 50 m over 0.2 m: one curvature, as that of a roll; of seeds that make no saddle, which stretches it."""
+    field = FrozenCurvature(8.0, seed=seed, wavelength_m=50.0)
+    curvatures = field.evaluate(np.array([0.1]), np.array([0.01]), (0.2, 0.02))
+    weft, warp = (float(values[0]) for values in curvatures)
+    x = relaxed(field, rows=3)
+    ends = np.r_[0:6, 13:19]  # away from the line in the middle that is held straight
+    along = np.linalg.norm(np.diff(x, 2, axis=1), axis=2)[:, ends] / 0.01**2
+    across = np.linalg.norm(np.diff(x, 2, axis=0), axis=2)[:, 1 + ends] / 0.01**2
+    assert along == pytest.approx(np.full(along.shape, abs(weft)), rel=0.03, abs=0.1)
+    assert across == pytest.approx(np.full(across.shape, abs(warp)), rel=0.03, abs=0.1)
+    assert max(abs(weft), abs(warp)) > 2.0
 
 
 @pytest.mark.parametrize("cell", [0.005, 0.01, 0.02, 0.025, 0.05])
@@ -382,6 +397,23 @@ def test_the_farther_a_corner_is_pulled_the_more_energy_it_takes(solver: Solver)
     assert all(d.ok for d in drapes)
     less, plain, more = (d.energy for d in drapes)
     assert less < plain < more
+
+
+@pytest.mark.parametrize("effect", ["pin_drop", "pin_spacing", "corner_pull"])
+def test_moving_pins_takes_the_work_of_the_forces_that_they_hold(effect: str, solver: Solver) -> None:
+    """dE / d(size) is the force on what is held along the way that it is moved: what is free is at rest."""
+    step, nominal = 2e-4, Setup.nominal(Scene.STRETCH)
+    rest = solver.solve(FABRICS["vstiff"], nominal, jitter=NO_JITTER)
+    cloth, x = cloth_of(rest, FABRICS["vstiff"], nominal, jitter=NO_JITTER), positions(rest)
+    places = held_places(rest, nominal, NO_JITTER, 0)[1]
+    way = held_places(rest, moved(effect, step, Scene.STRETCH), NO_JITTER, 0)[1] - places
+    expected = (cloth.energy(x + 0.01 * way) - cloth.energy(x - 0.01 * way)) / (0.02 * step)
+    ends = [
+        solver.solve(FABRICS["vstiff"], moved(effect, size, Scene.STRETCH), jitter=NO_JITTER, start=rest).energy
+        for size in (step, 0.0)  # a drop of the other sign is of the other pin
+    ]
+    assert abs(expected) > 0.1  # N
+    assert (ends[0] - ends[1]) / step == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("scene", Scene)
