@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.csv_text import parse_csv, parse_number
 from simcore.errors import InputError
-from simcore.json_text import parse_json
+from simcore.fabric_rows import read_rows
 from simcore.parameters import PARAMETER_NAMES, FabricParameters
 from simcore.prior import is_admissible
 
@@ -52,46 +51,20 @@ def log_grid(ranges: Mapping[str, tuple[float, float]], count: int) -> NDArray[n
 
 
 def read_fabric_list(path: str | Path) -> list[FabricParameters]:
-    """Fabrics of a CSV file (a header with the seven names) or a JSON file (a list, or ``{"fabrics": [...]}``).
-
-    Other columns and keys are ignored. In JSON the seven numbers may also stand under ``"parameters"`` with the density
-    beside it, as in a capture set.
+    """Fabrics of a CSV or JSON file (:func:`simcore.fabric_rows.read_rows`); they need no ids.
 
     Raises:
         InputError: no such file, unreadable, empty, or a fabric that is unusable (its place in the file is named).
     """
-    file = Path(path)
-    try:
-        text = file.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give a CSV or JSON list of fabrics", code="file_missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error})", code="file_unreadable") from None
-    rows = _csv_rows(text, path) if file.suffix.lower() == ".csv" else _json_rows(path, text)
+    rows = read_rows(path)
     if not rows:
         raise InputError(f"{path}: holds no fabric", code="list_empty")
     return [_fabric(path, number, row) for number, row in enumerate(rows, start=1)]
 
 
-def _csv_rows(text: str, path: str | Path) -> list[dict[str, Any]]:
-    _, records = parse_csv(text, path)
-    rows: list[dict[str, Any]] = []
-    for record in records:
-        cells = {name: record.get(name) or None for name in PARAMETER_NAMES}
-        numbers = {name: None if cell is None else parse_number(cell) for name, cell in cells.items()}
-        rows.append({name: cells[name] if numbers[name] is None else numbers[name] for name in PARAMETER_NAMES})
-    return rows
-
-
-def _json_rows(path: str | Path, text: str) -> list[dict[str, Any]]:
-    value = parse_json(text, path)
-    rows = value.get("fabrics") if isinstance(value, dict) else value
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise InputError(f'{path}: a list of fabrics, or {{"fabrics": [...]}}, is needed', code="list_form")
-    return [{**row, **row["parameters"]} if isinstance(row.get("parameters"), dict) else row for row in rows]
-
-
-def _fabric(path: str | Path, number: int, row: Mapping[str, Any]) -> FabricParameters:
+def _fabric(path: str | Path, number: int, row: Any) -> FabricParameters:
+    if not isinstance(row, Mapping):
+        raise InputError(f"{path}, fabric {number}: no object, in a list of fabrics", code="list_form")
     try:
         return FabricParameters.from_mapping(row)
     except InputError as error:

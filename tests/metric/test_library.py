@@ -45,14 +45,14 @@ def test_csv(tmp_path: Path) -> None:
     [
         ("l.json", "[]", "library_empty"),
         ("l.json", "{", "file_not_json"),
-        ("l.json", '"x"', "library_form"),
+        ("l.json", '"x"', "list_form"),
         ("l.json", json.dumps([VALUES]), "library_id_missing"),
         ("l.json", json.dumps([{"id": "a", **VALUES}] * 2), "library_id_twice"),
         ("l.json", f'{{"a": {json.dumps(VALUES)}, "a": {json.dumps(VALUES)}}}', "file_key_twice"),
         ("l.json", json.dumps([{"id": "a", **VALUES, "density": -1}]), "parameter_out_of_range"),
         ("l.json", json.dumps([{"id": "a", "density": 0.2}]), "parameter_missing"),
-        ("l.csv", "id,density\na,0.2\n", "library_header"),
-        ("l.csv", "id," + ",".join(PARAMETER_NAMES) + "\na,1,2,3,4,5,6,heavy\n", "parameter_not_a_number"),
+        ("l.csv", "id,density\na,0.2\n", "parameter_missing"),
+        ("l.csv", f"id,{','.join(PARAMETER_NAMES)}\na,300,250,80,2e-5,1e-5,1e-5,heavy\n", "parameter_not_a_number"),
     ],
 )
 def test_unusable_libraries(name: str, text: str, code: str, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from metric.library import load_library
 from simcore.errors import InputError
 from simcore.parameters import PARAMETER_NAMES
 from simcore.prior import DEFAULT_RANGES, FabricPrior, is_admissible
@@ -43,6 +44,9 @@ def test_csv_and_json_lists_give_the_same_fabrics(tmp_path: Path) -> None:
     assert read_fabric_list(table) == FABRICS
     assert read_fabric_list(tmp_path / "list.json") == FABRICS
     assert read_fabric_list(tmp_path / "set.json") == FABRICS
+    (tmp_path / "library.json").write_text(json.dumps({f"f{n}": row for n, row in enumerate(rows)}))
+    assert read_fabric_list(tmp_path / "library.json") == FABRICS
+    assert [fabric.parameters for fabric in load_library(tmp_path / "library.json")] == FABRICS
 
 
 @pytest.mark.parametrize(
