@@ -82,7 +82,7 @@ def find_effects(out: Path, effects: Effects, options: argparse.Namespace) -> Pa
         chosen = DiagnosisOptions(resolution_m=options.resolution)
         found = diagnose(CaptureSet.load(out / "known"), chosen, cache=DrapeCache(out / "drapes"))
         (out / "report.json").write_text(json.dumps(found.report.as_json(), indent=1))
-        SimulatorExtension.of(found.report).save(file)
+        SimulatorExtension.of(found.report, found.pin_radius_m).save(file)
     return file
 
 
