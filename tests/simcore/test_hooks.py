@@ -1,4 +1,4 @@
-"""Each optional mechanism, and pins that effects move, against a closed form or a limiting case."""
+"""Each optional mechanism against a closed form or a limiting case; pins that effects move have a file of their own."""
 
 from __future__ import annotations
 
@@ -8,15 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from diagnosis.effects import get_effect
-from diagnosis.scene import SimulationScene
 from simcore.bending import PlateRigidity
-from simcore.drape import Drape
 from simcore.grid import Grid
 from simcore.loads import rest_moments
 from simcore.mechanics import (
     EDGES,
-    NO_JITTER,
     Crease,
     CurvatureField,
     EdgeCurl,
@@ -25,13 +21,11 @@ from simcore.mechanics import (
     UniformCurvature,
 )
 from simcore.parameters import FabricParameters
-from simcore.scenes import GRAVITY_M_S2, Scene, Setup
-from simcore.solver import Solver
+from simcore.scenes import GRAVITY_M_S2
 
 from .closed_forms import stretch_under
-from .judge import cloth_of, held_places, positions
 from .reference import Friction
-from .rigs import ANISOTROPIC, FABRICS, Array, Level, Rig, crumpled, laid_out
+from .rigs import ANISOTROPIC, Array, Level, Rig, crumpled, laid_out
 
 STIFF = FabricParameters(1000, 800, 300, 1e-4, 1e-4, 1e-4, 0.005)
 
@@ -346,82 +340,3 @@ def test_friction_holds_up_to_its_limit() -> None:
             far = level.gradient(np.subtract(start, [0.0, 1.0, 0.0]))
             left = -far[..., 1].sum() / grid.areas.sum()
             assert left == pytest.approx(coefficient * press - weight, rel=1e-3)
-
-
-# -- pins --------------------------------------------------------------------------------------------------------
-
-
-def moved(effect: str, size: float, scene: Scene) -> Setup:
-    """The set-up with pins where the effect puts them; nothing else may change."""
-    plain = SimulationScene(Setup.nominal(scene))
-    changed = get_effect(effect).apply(plain, size)
-    assert replace(changed, setup=plain.setup) == plain
-    return changed.setup
-
-
-@pytest.mark.parametrize("scene", Scene)
-@pytest.mark.parametrize(("size", "lowered"), [(0.007, "top_right"), (-0.007, "top_left")])
-def test_pin_drop_lowers_the_right_pin_and_the_left_one_if_negative(size: float, lowered: str, scene: Scene) -> None:
-    nominal = Setup.nominal(scene)
-    x, y, z = nominal.pins_m[lowered]
-    assert moved("pin_drop", size, scene) == nominal.with_pins(**{lowered: (x, y - 0.007, z)})
-
-
-def test_drops_of_either_sign_give_mirrored_drapes(solver: Solver) -> None:
-    a, b = (
-        solver.solve(FABRICS["vstiff"], moved("pin_drop", size, Scene.HANGING), jitter=NO_JITTER)
-        for size in (0.012, -0.012)
-    )
-    assert a.ok and b.ok
-    assert np.abs(positions(a) - positions(b)[:, ::-1] * [-1.0, 1.0, 1.0]).max() < 1e-4
-    assert positions(a)[0, -1, 1] == pytest.approx(-0.012) and positions(a)[0, 0, 1] == 0.0
-    assert positions(a)[-1, -1, 1] < positions(a)[-1, 0, 1] - 0.006  # the whole sheet hangs lower on that side
-
-
-@pytest.mark.parametrize("size", [0.009, -0.006])
-def test_corner_pull_goes_on_along_the_scene_s_own_pull(size: float) -> None:
-    nominal = Setup.nominal(Scene.STRETCH)
-    own = np.subtract(nominal.pins_m["bottom_right"], (0.25, -0.5, 0.0))  # from the flat sample's corner
-    place = moved("corner_pull", size, Scene.STRETCH).pins_m["bottom_right"]
-    assert np.subtract(place, nominal.pins_m["bottom_right"]) == pytest.approx(size * own / np.linalg.norm(own))
-    assert own / np.linalg.norm(own) == pytest.approx(np.array([1.0, -1.0, 0.0]) / math.sqrt(2.0))
-    assert moved("corner_pull", size, Scene.STRETCH) == nominal.with_pins(bottom_right=place)
-    assert moved("corner_pull", size, Scene.HANGING) == Setup.nominal(Scene.HANGING)
-
-
-def test_the_farther_a_corner_is_pulled_the_more_energy_it_takes(solver: Solver) -> None:
-    drapes = [
-        solver.solve(FABRICS["vstiff"], moved("corner_pull", size, Scene.STRETCH), jitter=NO_JITTER)
-        for size in (-0.01, 0.0, 0.01)
-    ]
-    assert all(d.ok for d in drapes)
-    less, plain, more = (d.energy for d in drapes)
-    assert less < plain < more
-
-
-@pytest.mark.parametrize("effect", ["pin_drop", "pin_spacing", "corner_pull"])
-def test_moving_pins_takes_the_work_of_the_forces_that_they_hold(effect: str, solver: Solver) -> None:
-    """dE / d(size) is the force on what is held along the way that it is moved: what is free is at rest."""
-    step, nominal = 2e-4, Setup.nominal(Scene.STRETCH)
-    rest = solver.solve(FABRICS["vstiff"], nominal, jitter=NO_JITTER)
-    cloth, x = cloth_of(rest, FABRICS["vstiff"], nominal, jitter=NO_JITTER), positions(rest)
-    places = held_places(rest, nominal, NO_JITTER, 0)[1]
-    way = held_places(rest, moved(effect, step, Scene.STRETCH), NO_JITTER, 0)[1] - places
-    expected = (cloth.energy(x + 0.01 * way) - cloth.energy(x - 0.01 * way)) / (0.02 * step)
-    ends = [
-        solver.solve(FABRICS["vstiff"], moved(effect, size, Scene.STRETCH), jitter=NO_JITTER, start=rest).energy
-        for size in (step, 0.0)  # a drop of the other sign is of the other pin
-    ]
-    assert abs(expected) > 0.1  # N
-    assert (ends[0] - ends[1]) / step == pytest.approx(expected, rel=0.02)
-
-
-@pytest.mark.parametrize("scene", Scene)
-@pytest.mark.parametrize("effect", ["pin_drop", "pin_spacing", "corner_pull"])
-def test_pins_moved_by_nothing_are_the_plain_scene_bit_by_bit(
-    effect: str, scene: Scene, solver: Solver, drapes: dict[tuple[str, Scene], Drape]
-) -> None:
-    assert moved(effect, -0.0, scene) == moved(effect, 0.0, scene) == Setup.nominal(scene)
-    drape = solver.solve(FABRICS["vstiff"], moved(effect, 0.0, scene))
-    assert np.array_equal(drape.vertices, drapes["vstiff", scene].vertices)
-    assert drape.energy == drapes["vstiff", scene].energy
