@@ -104,8 +104,10 @@ class Effect:
         vector: the components are those of a vector: a size below ``low`` in one of them is no contradiction, the
             whole vector's length is in the range.
         random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
-        places: further components, set together: where or which way; tried one after the other, equally probable. The
-            first one is the default.
+        places: further components, set together: where or which way; tried one after the other. The first one is the
+            default.
+        odds: how probable the places are, relative to each other; nothing: all alike.
+        anywhere: draws a place where the effect may really be, which the listed ones stand for; None: those alone.
         where: what the places' components say, in words, for the page of the catalogue.
         holds: the cloth rests wherever it was put and any capture fits; not looked at again, and no half of a pair.
         white: it changes pixels one by one, as chance has it: their mean over a cell changes otherwise in each picture,
@@ -135,6 +137,8 @@ class Effect:
     fine: bool = False
     presses: int = 0
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
+    odds: tuple[float, ...] = ()
+    anywhere: Callable[[np.random.Generator], Mapping[str, float]] | None = field(default=None, repr=False)
     where: str = ""
 
     def __post_init__(self) -> None:
@@ -171,6 +175,14 @@ class Effect:
             yield "places: give at least one, all with the same names"
         if any(set(place) & set(self.components) for place in self.places):
             yield f"places: give their numbers other names than {', '.join(self.components)}"
+        if self.odds and not (len(self.odds) == len(self.places) and all(0.0 < o < math.inf for o in self.odds)):
+            yield f"odds: give {len(self.places)} positive numbers, one to each place"
+
+    @property
+    def place_shares(self) -> NDArray[np.float64]:
+        """How probable each place is, [places]."""
+        odds = np.array(self.odds or (1.0,) * len(self.places))
+        return np.asarray(odds / odds.sum())
 
     @property
     def moves_cloth(self) -> bool:
@@ -229,10 +241,18 @@ class Effect:
         size = {name: float(given.get(name, self._default(name))) for name in self.components}
         return size | {name: float(given.get(name, value)) for name, value in self.places[0].items()}
 
-    def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """A size from the prior; a vector's direction is uniform, its length log-uniform."""
+    def draw(self, rng: np.random.Generator, *, listed: bool = False) -> dict[str, float]:
+        """A size from the prior; a vector's direction is uniform, its length log-uniform.
+
+        Args:
+            rng: random numbers.
+            listed: at one of the places that are tried, also where the effect may be elsewhere.
+        """
         if not self.vector:
-            place = self.places[int(rng.integers(len(self.places)))]
+            if self.anywhere is None or listed:
+                place = self.places[int(rng.choice(len(self.places), p=self.place_shares))]
+            else:
+                place = self.anywhere(rng)
             return {name: component.draw(rng) for name, component in self.components.items()} | dict(place)
         first = next(iter(self.components.values()))
         length = math.exp(rng.uniform(math.log(first.low), math.log(first.high)))

@@ -94,7 +94,7 @@ class Classifier:
                 effect = get_effect(name)
                 for _ in range(EXAMPLES):
                     noise = one["noise"][rng.integers(len(one["noise"]))]
-                    rows.append(node_weights(effect, effect.draw(rng)) @ one[name] + noise)
+                    rows.append(node_weights(effect, effect.draw(rng, listed=True)) @ one[name] + noise)
                     labels.append(label)
         forest = RandomForestClassifier(TREES, random_state=seed, n_jobs=1)
         return cls(names, forest.fit(np.stack(rows), labels))

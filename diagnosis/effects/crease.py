@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
+
 from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
 from diagnosis.scene import SimulationScene
 from simcore.mechanics import Crease
+
+POSITIONS = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8)
+"""Lines that are tried, either way: what one a twentieth of the sample farther on does is still told by them."""
+MIDDLE = 6.0
+"""How much more probable a fold in the middle is than one at any other line: half of all."""
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
     """A line down the sample (down 1) or across it (down 0), at a share of its width or height."""
     field = Crease(size[SCALAR], along="warp" if size["down"] > 0.5 else "weft", position=size["position"])
     return scene.with_mechanics(rest_curvature=(*scene.mechanics.rest_curvature, field))
+
+
+def anywhere(rng: np.random.Generator) -> Mapping[str, float]:
+    """Half of all down or across the middle, as samples are folded; the others anywhere but near the rim."""
+    position = 0.5 if rng.random() < 0.5 else float(rng.uniform(0.15, 0.85))
+    return {"down": float(rng.integers(2)), "position": position}
 
 
 EFFECT = Effect(
@@ -22,7 +37,9 @@ EFFECT = Effect(
     hook="mechanics.rest_curvature",
     source="Samples that come folded by post.",
     change=change,
-    places=({"down": 1.0, "position": 0.5}, {"down": 0.0, "position": 0.5}),
+    places=tuple({"down": down, "position": position} for position in POSITIONS for down in (1.0, 0.0)),
+    odds=tuple(MIDDLE if position == 0.5 else 1.0 for position in POSITIONS for _ in range(2)),
+    anywhere=anywhere,
     where="`down` 1: a line from top to bottom, `position` from the left as a share of the width; "
     "`down` 0: a line from side to side, `position` from the top as a share of the height",
 )

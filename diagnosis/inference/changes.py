@@ -94,13 +94,17 @@ def _changes(
 
 
 def _typical(effect: Effect, responses: Mapping[str, Array]) -> Array:
-    """Response at a size in the middle of the prior, for each component (both ways) and place."""
+    """Response at a size in the middle of the prior, for each component (both ways) and each of its likeliest places.
+
+    A row for each of many places would make up what none of them does.
+    """
     known = responses[effect.name]
     if effect.vector:
         return known
     size = np.abs(node_values(effect))
     middle = int(np.argmin(np.abs(size - np.median(size))))
-    return known[[place * len(size) + middle for place in range(len(effect.places))]]
+    likeliest = np.flatnonzero(effect.place_shares == effect.place_shares.max())
+    return known[likeliest * len(size) + middle]
 
 
 def _placed(effects: Sequence[Effect], block: Block) -> Array:

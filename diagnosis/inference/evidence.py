@@ -230,7 +230,7 @@ def _tabulate_scalar(
         effect.name,
         tuple(values),
         pixel_log_likelihood(pixels, seen, model, pixels.vagueness(effect.name)),
-        np.tile(log_prior(effect, sizes), places) - np.log(places),
+        np.add.outer(np.log(effect.place_shares), log_prior(effect, sizes)).ravel(),
         tuple({SCALAR: float(size)} | dict(place) for place in effect.places for size in sizes),
     )
 
