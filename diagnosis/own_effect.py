@@ -41,6 +41,8 @@ FIELDS = {
     "`change`": "the change itself, see below",
     "`places`, `where`": "may be left out: where or which way it acts, tried one after the other, as in `crease.py`, "
     "and what that means",
+    "`odds`, `anywhere`": "may be left out: how probable the places are relative to each other; a function of random "
+    "numbers that draws where the effect really is, where that may be between the places, for blind checks",
     "`vector`, `random_repeats`, `holds`, `white`, `vague`, `twin`, `vanishes_at_zero`, `fine`, `presses`": (
         "may be left out: `diagnosis/effect.py` says which effects need them"
     ),

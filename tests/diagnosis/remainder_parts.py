@@ -24,7 +24,10 @@ FABRICS = 4
 def linear_responses(name: str, rng: np.random.Generator) -> np.ndarray:
     """Of random form at each place, as long as the size; three errors long at 0.5."""
     effect = get_effect(name)
-    forms = 6.0 * rng.standard_normal((len(effect.places), COUNT))
+    likeliest = int(np.sum(effect.place_shares == effect.place_shares.max()))
+    forms = 6.0 * rng.standard_normal((likeliest, COUNT))
+    others = np.random.default_rng([likeliest, len(effect.places)])  # what is drawn next is the same for any number
+    forms = np.concatenate([forms, 6.0 * others.standard_normal((len(effect.places) - likeliest, COUNT))])
     sizes = np.array([node[SCALAR] for node in nodes(effect)])
     return sizes[:, None] * np.repeat(forms, len(sizes) // len(forms), axis=0)
 

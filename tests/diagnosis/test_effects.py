@@ -201,6 +201,8 @@ def test_a_file_without_an_effect_is_refused(add: Add) -> None:
         ("change=change", 'places=({"a": 1.0}, {"b": 1.0}), change=change', "all with the same names"),
         ("change=change", 'places=({"magnitude": 1.0},), change=change', "give their numbers other names"),
         ("change=change", "vector=True, places=({'a': 1.0},), change=change", "a vector has no places"),
+        ("change=change", 'places=({"a": 1.0}, {"a": 2.0}), odds=(1.0,), change=change', "give 2 positive numbers"),
+        ("change=change", 'places=({"a": 1.0},), odds=(0.0,), change=change', "give 1 positive numbers"),
     ],
 )
 def test_files_that_cannot_be_used_are_named(add: Add, repository: Path, text: str, change: str, said: str) -> None:
@@ -262,6 +264,31 @@ def test_every_place_is_explained(name: str) -> None:
     assert all(set(place) == keys for place in effect.places)
     assert all(f"`{key}`" in effect.where or f"`{key} " in effect.where for key in keys)
     assert bool(effect.where) == bool(keys)
+
+
+@pytest.mark.parametrize("name", sorted(catalogue()))
+def test_places_are_drawn_as_probable_as_they_are(name: str) -> None:
+    effect, rng = get_effect(name), np.random.default_rng(5)
+    if effect.vector:
+        return
+    drawn = [effect.draw(rng, listed=True) for _ in range(2000)]
+    at = [effect.places.index({key: size[key] for key in effect.places[0]}) for size in drawn]
+    shares = np.bincount(at, minlength=len(effect.places)) / len(at)
+    assert effect.place_shares.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(shares, effect.place_shares, atol=0.04)
+    for size in (effect.draw(rng) for _ in range(50)):  # where it really is, which may be between those
+        assert size == effect.size(size)
+
+
+def test_creases_are_down_or_across_the_middle_or_anywhere_but_near_the_rim() -> None:
+    effect, rng = get_effect("crease"), np.random.default_rng(6)
+    assert effect.place_shares[:2].tolist() == [0.25, 0.25] and effect.place_shares[2:].min() > 0.04
+    positions = np.array([effect.draw(rng)["position"] for _ in range(1000)])
+    assert np.mean(positions == 0.5) == pytest.approx(0.5, abs=0.05)
+    elsewhere = positions[positions != 0.5]
+    listed = np.unique([place["position"] for place in effect.places])
+    assert elsewhere.min() < 0.2 and elsewhere.max() > 0.8
+    assert np.abs(elsewhere[:, None] - listed).min(axis=1).max() <= 0.05
 
 
 def test_the_page_is_what_the_command_writes(repository: Path, tmp_path: Path) -> None:

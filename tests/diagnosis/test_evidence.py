@@ -35,7 +35,7 @@ def a_set(name: str, size: dict[str, float], shown: range, scene: str = "stretch
     rng = np.random.default_rng(11)
     blocks = []
     for fabric in range(FABRICS):
-        responses = {n: 6.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in ("air_draft", "crease")}
+        responses = {n: 6.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in ("air_draft", "edge_curl")}
         if name not in responses:
             responses[name] = 6.0 * rng.standard_normal((len(nodes(get_effect(name))), COUNT))
         effect = node_weights(get_effect(name), size) @ responses[name] if fabric in shown else np.zeros(COUNT)
@@ -46,7 +46,7 @@ def a_set(name: str, size: dict[str, float], shown: range, scene: str = "stretch
 
 def test_an_effect_that_all_fabrics_show_is_named_with_its_size() -> None:
     blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(FABRICS))
-    cause = name_cause(("air_draft", "crease"), blocks, pixels)
+    cause = name_cause(("air_draft", "edge_curl"), blocks, pixels)
     assert cause.named == ("air_draft",)
     assert cause.size("air_draft")[SCALAR] == pytest.approx(0.3, rel=0.1)
 
@@ -54,7 +54,7 @@ def test_an_effect_that_all_fabrics_show_is_named_with_its_size() -> None:
 @pytest.mark.parametrize("shown", [range(0), range(1)])
 def test_what_one_fabric_alone_shows_names_nothing(shown: range) -> None:
     blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, shown)
-    assert name_cause(("air_draft", "crease"), blocks, pixels).top == "none"
+    assert name_cause(("air_draft", "edge_curl"), blocks, pixels).top == "none"
 
 
 def test_an_effect_that_these_captures_cannot_show_takes_little_from_none() -> None:
@@ -64,7 +64,7 @@ def test_an_effect_that_these_captures_cannot_show_takes_little_from_none() -> N
         one.stated.responses["panel_friction"] = np.zeros((len(nodes(get_effect("panel_friction"))), COUNT))
     still = {"panel_friction": np.zeros((len(nodes(get_effect("panel_friction"))), 1))}
     pixels = replace(pixels, responses=pixels.responses | still)
-    cause = name_cause(("air_draft", "crease", "panel_friction"), blocks, pixels)
+    cause = name_cause(("air_draft", "edge_curl", "panel_friction"), blocks, pixels)
     assert cause.evidence["panel_friction"].log_evidence == pytest.approx(cause.evidence["none"].log_evidence, abs=1e-6)
     assert cause.top == "none" and 0.0 < cause.probabilities["panel_friction"] < 0.2 * cause.probabilities["none"]
 
@@ -73,10 +73,10 @@ def test_what_fits_one_block_better_does_not_hide_what_explains_them_all() -> No
     blocks, pixels = a_set("air_draft", {SCALAR: 0.2}, range(FABRICS))
     alone = name_cause(("air_draft",), blocks, pixels)
     odd = [
-        replace(b, stated=_with(b.stated, "crease", n), wide=_with(b.wide, "crease", n)) for n, b in enumerate(blocks)
+        replace(b, stated=_with(b.stated, "edge_curl", n), wide=_with(b.wide, "edge_curl", n)) for n, b in enumerate(blocks)
     ]
-    beside = name_cause(("air_draft", "crease"), odd, pixels, pairs=False)
-    assert beside.evidence["crease"].by_fabric["f0"] > beside.evidence["air_draft"].by_fabric["f0"]
+    beside = name_cause(("air_draft", "edge_curl"), odd, pixels, pairs=False)
+    assert beside.evidence["edge_curl"].by_fabric["f0"] > beside.evidence["air_draft"].by_fabric["f0"]
     gained = [c.evidence["air_draft"].log_evidence - c.evidence["none"].log_evidence for c in (alone, beside)]
     assert gained[1] == pytest.approx(gained[0], rel=0.05)
 
@@ -108,6 +108,19 @@ def test_a_vector_answers_backward_otherwise_than_forward() -> None:
     blocks, pixels = a_set("camera_translation", size, range(FABRICS))
     found = tabulate(effect, blocks, pixels, LikelihoodModel()).sizes[0]
     np.testing.assert_allclose([found[c] for c in size], list(size.values()), atol=0.001)
+
+
+def test_a_place_that_is_more_probable_has_more_of_the_prior() -> None:
+    effect = get_effect("crease")
+    blocks, pixels = a_set("crease", {SCALAR: 1.0, "down": 0.0, "position": 0.7}, range(FABRICS))
+    table = tabulate(effect, blocks, pixels, LikelihoodModel())
+    assert float(np.exp(table.prior).sum()) == pytest.approx(1.0)
+    middle = np.array([size["position"] == 0.5 for size in table.sizes])
+    assert float(np.exp(table.prior)[middle].sum()) == pytest.approx(0.5)
+    found = name_cause(("air_draft", "crease"), blocks, pixels)
+    assert found.named == ("crease",)
+    size = found.evidence["crease"].size
+    assert (size["down"], size["position"]) == (0.0, 0.7) and size[SCALAR] == pytest.approx(1.0, abs=0.15)
 
 
 def test_folds_that_took_up_a_moved_camera_do_not_set_its_size() -> None:
@@ -152,7 +165,7 @@ def test_a_capture_whose_folds_were_not_found_is_trusted_less_than_its_repeat() 
 
 def test_a_refuted_effect_leaves_its_probability_to_none_and_unknown() -> None:
     blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(FABRICS))
-    cause = name_cause(("air_draft", "crease"), blocks, pixels)
+    cause = name_cause(("air_draft", "edge_curl"), blocks, pixels)
     left = cause.refuted()
     assert left.probabilities["air_draft"] == pytest.approx(0.1 * cause.probabilities["air_draft"])
     assert sum(left.probabilities.values()) == pytest.approx(1.0)
@@ -176,7 +189,7 @@ def test_an_effect_that_throws_its_simulations_into_other_folds_is_named_by_weak
             responses={**own.stated.responses, "air_draft": rows},
         )
         shown.append(replace(own, stated=view, wide=view))
-    cause = name_cause(("air_draft", "crease"), shown, pixels)
+    cause = name_cause(("air_draft", "edge_curl"), shown, pixels)
     assert cause.named == ("air_draft",)
     assert cause.size("air_draft")[SCALAR] == pytest.approx(0.45, rel=0.15)
 
