@@ -28,7 +28,7 @@ from diagnosis.simulation.missed_folds import FURTHER_SEEDS
 from diagnosis.simulation.probes import PROBES
 from diagnosis.simulation.responses import are_at_hand
 from diagnosis.simulation.simulator import Cost, KeyedDrape
-from diagnosis.simulation.sizes import nodes, shortcuts
+from diagnosis.simulation.sizes import aside, nodes, shortcuts
 from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
 from diagnosis.version import LED_VERSION, PIXELS_VERSION, RESPONSES_VERSION
 from renderer.atomic import write_atomically
@@ -174,8 +174,10 @@ def _variations(effects: Sequence[str], scene: str, pins: int) -> int:
     for name in effects:
         effect = get_effect(name)
         if effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT):
-            count += len(nodes(effect)) - (len(shortcuts(effect)) if scene == "hanging" else 0)
-            count += len(shortcuts(effect)) if scene == "stretch" and not effect.fine else 0
+            halves = shortcuts(effect)
+            likely = len(halves.keys() - aside(effect))
+            saved = len(halves) - (likely if scene == "stretch" else 0)
+            count += len(nodes(effect)) - saved + (likely if scene == "stretch" and not effect.fine else 0)
     return count
 
 

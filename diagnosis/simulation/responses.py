@@ -18,7 +18,7 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache, content_key
 from diagnosis.simulation.probes import probed
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
-from diagnosis.simulation.sizes import nodes, shortcuts
+from diagnosis.simulation.sizes import aside, nodes, shortcuts
 from diagnosis.simulation.state_library import StateLibrary, vertex_rms
 from diagnosis.version import PIXELS_VERSION, RESPONSES_VERSION
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
@@ -210,6 +210,8 @@ def _effect_key(effect: Effect, state: KeyedDrape, scene: SimulationScene) -> st
         cells["fine"] = True
     elif is_mended(effect, scene):
         cells["fine"] = "half sizes"
+    if aside(effect):
+        cells["aside"] = "half sizes alone"
     return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed, **measured, **cells)
 
 
@@ -327,8 +329,9 @@ class _Look:
         sizes = nodes(effect)
         still = np.zeros(len(self.sensed.pixels))
         rows: dict[int, tuple[Array, Array]] = {}
+        few = aside(effect)
         sparing = self.sparing or self.scene.setup.scene.value == "hanging"
-        plan = shortcuts(effect) if self._mechanical(effect) and sparing else {}
+        plan = {n: way for n, way in self._shortcuts(effect).items() if sparing or n in few}
         mended = is_mended(effect, self.scene) and not self.fine
         look = self.on_fine_cells if effect.fine or (mended and self.sparing) else self
         for number, size in enumerate(sizes):
@@ -345,7 +348,8 @@ class _Look:
             elif effect.stage is Stage.CAMERA:
                 rows[number] = (self.seen_by(changed), still)
             elif number not in plan:
-                rows[number] = (look.change(self.fabric, changed), still)
+                own = self.on_fine_cells if mended and number in few else look
+                rows[number] = (own.change(self.fabric, changed), still)
         for number, (source, factor) in plan.items():
             if number not in rows:
                 rows[number] = (factor * rows[source][0], still)
@@ -356,19 +360,22 @@ class _Look:
 
     def _mend(self, effect: Effect, rows: dict[int, tuple[Array, Array]]) -> None:
         """Add what the state's own cells do otherwise at half sizes: to the large ones as much, which coarse cells show
-        better.
+        better. Less probable places were simulated on them already.
         """
         larger: dict[int, list[int]] = {}
         for number, (half, _) in shortcuts(effect).items():
-            larger.setdefault(half, []).append(number)
+            if number not in aside(effect):
+                larger.setdefault(half, []).append(number)
         for half, numbers in larger.items():
             changed = effect.apply(self.scene, nodes(effect)[half])
             otherwise = self.on_fine_cells.change(self.fabric, changed) - rows[half][0]
             for number in (half, *numbers):
                 rows[number] = (rows[number][0] + otherwise, rows[number][1])
 
-    def _mechanical(self, effect: Effect) -> bool:
-        return effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT)
+    @staticmethod
+    def _shortcuts(effect: Effect) -> Mapping[int, tuple[int, float]]:
+        mechanical = effect.stage in (Stage.FABRIC, Stage.SETUP, Stage.ENVIRONMENT)
+        return shortcuts(effect) if mechanical else {}
 
 
 def other_radius_m(setup: Setup, cell_m: float) -> float:

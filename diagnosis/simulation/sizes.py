@@ -70,6 +70,12 @@ def shortcuts(effect: Effect) -> dict[int, tuple[int, float]]:
     return plan
 
 
+def aside(effect: Effect) -> frozenset[int]:
+    """Nodes at places that are less probable than others: many, so half sizes alone are simulated of them."""
+    shares = np.repeat(effect.place_shares, len(nodes(effect)) // len(effect.places))
+    return frozenset(np.flatnonzero(shares < shares.max()).tolist())
+
+
 def vector_step(effect: Effect) -> float:
     """Length at which each component of a vector is simulated."""
     first = next(iter(effect.components.values()))

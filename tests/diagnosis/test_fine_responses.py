@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from diagnosis.simulation import responses
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.responses import clean, find_responses
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
-from diagnosis.simulation.sizes import nodes
+from diagnosis.simulation.sizes import aside, nodes
 from diagnosis.tasks.fabric_task import BASE_JITTER
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -105,6 +107,30 @@ def test_what_the_states_own_cells_do_otherwise_at_half_sizes_is_added_at_all(
     np.testing.assert_allclose(found.pins, coarse.on_fine_cells.pins(), atol=1e-12)
     beside = responses.responses_with(simulator, fabric, scene, state, ["pin_drop"])["pin_drop"][0]
     np.testing.assert_allclose(beside, [2 * own[0], *own, 2 * own[1]], atol=1e-12)  # half sizes alone
+
+
+def test_less_probable_places_are_simulated_at_half_sizes_on_the_states_own_cells_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    places = ({"down": 1.0, "position": 0.5}, {"down": 1.0, "position": 0.3})
+    effect = replace(get_effect("crease"), places=places, odds=(2.0, 1.0))
+    assert sorted(aside(effect)) == [4, 5, 6, 7] and not aside(get_effect("rest_curvature"))
+    fabric = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2)
+    scene = SimulationScene(Setup.nominal("stretch"))
+    simulator, state = at_rest(tmp_path_factory, fabric, scene)
+    picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
+    monkeypatch.setattr(responses, "COARSE_TOO_FAR_M", 1.0)
+    look = responses._Look(simulator, fabric, scene, state, picture, reference)
+    look.effect(replace(effect, places=places[:1], odds=()))
+    spent = simulator.cost.simulations
+    found = look.effect(effect)["vector"]
+    assert simulator.cost.simulations == spent + 2
+    own = [look.on_fine_cells.change(fabric, effect.apply(scene, nodes(effect)[number])) for number in (5, 6)]
+    assert min(np.linalg.norm(row) for row in own) > 1e-5
+    np.testing.assert_allclose(found[4:], [2 * own[0], *own, 2 * own[1]], atol=1e-12)
+    likely = look.effect(replace(effect, places=places[:1], odds=()))["vector"]
+    np.testing.assert_allclose(found[:4], likely, atol=1e-12)
+    assert np.linalg.norm(found[3] - 2 * found[2]) > 1e-6  # of the likely place large sizes are simulated, too
 
 
 def test_where_the_cloth_hangs_free_coarse_cells_serve(tmp_path_factory: pytest.TempPathFactory) -> None:
