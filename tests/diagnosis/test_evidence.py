@@ -35,7 +35,8 @@ def a_set(name: str, size: dict[str, float], shown: range, scene: str = "stretch
     rng = np.random.default_rng(11)
     blocks = []
     for fabric in range(FABRICS):
-        responses = {n: 6.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in ("air_draft", "edge_curl")}
+        counts = {n: len(nodes(get_effect(n))) for n in ("air_draft", "edge_curl")}
+        responses = {n: 6.0 * rng.standard_normal((count, COUNT)) for n, count in counts.items()}
         if name not in responses:
             responses[name] = 6.0 * rng.standard_normal((len(nodes(get_effect(name))), COUNT))
         effect = node_weights(get_effect(name), size) @ responses[name] if fabric in shown else np.zeros(COUNT)
@@ -73,7 +74,8 @@ def test_what_fits_one_block_better_does_not_hide_what_explains_them_all() -> No
     blocks, pixels = a_set("air_draft", {SCALAR: 0.2}, range(FABRICS))
     alone = name_cause(("air_draft",), blocks, pixels)
     odd = [
-        replace(b, stated=_with(b.stated, "edge_curl", n), wide=_with(b.wide, "edge_curl", n)) for n, b in enumerate(blocks)
+        replace(b, stated=_with(b.stated, "edge_curl", n), wide=_with(b.wide, "edge_curl", n))
+        for n, b in enumerate(blocks)
     ]
     beside = name_cause(("air_draft", "edge_curl"), odd, pixels, pairs=False)
     assert beside.evidence["edge_curl"].by_fabric["f0"] > beside.evidence["air_draft"].by_fabric["f0"]
