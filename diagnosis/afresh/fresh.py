@@ -22,10 +22,11 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulation.base_state import nearest_state
 from diagnosis.simulation.drape_cache import drape_key
 from diagnosis.simulation.pose_error import pose_responses
-from diagnosis.simulation.responses import Responses, clean
+from diagnosis.simulation.responses import Responses
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.sizes import node_weights, vector_step
 from diagnosis.simulation.state_library import StateLibrary
+from diagnosis.simulation.variations import clean
 from diagnosis.tasks.fabric_task import (
     AS_NEAR_AS_BEFORE,
     AS_NEAR_M,

@@ -15,7 +15,7 @@ from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
 from diagnosis.measurement.picture import noise_square
 from diagnosis.simulation.base_state import nearest_state
-from diagnosis.simulation.responses import other_radius_m
+from diagnosis.simulation.variations import other_radius_m
 from diagnosis.tasks.fabric_task import CaptureResult, FabricTask, base_states, with_grip
 from diagnosis.workers import ALONE, Workers
 

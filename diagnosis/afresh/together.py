@@ -20,8 +20,8 @@ from diagnosis.groups import NOT_EFFECTS
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.pairs import Pair
 from diagnosis.inference.subtract import response_to
-from diagnosis.simulation.responses import clean, sensed
 from diagnosis.simulation.sizes import nodes
+from diagnosis.simulation.variations import clean, sensed
 from diagnosis.tasks.fabric_task import CaptureResult
 from diagnosis.workers import ALONE, Workers
 

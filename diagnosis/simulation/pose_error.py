@@ -9,7 +9,7 @@ from diagnosis.measurement.features import measure
 from diagnosis.measurement.picture import picture_of
 from diagnosis.measurement.reference import Reference
 from diagnosis.scene import SimulationScene
-from diagnosis.simulation.responses import clean
+from diagnosis.simulation.variations import clean
 from renderer.pose import pose_from_rotation
 from simcore.drape import Drape
 

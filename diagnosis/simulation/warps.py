@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from diagnosis.measurement.features import measure
 from diagnosis.measurement.reference import Reference
-from diagnosis.simulation.responses import clean
+from diagnosis.simulation.variations import clean
 from renderer.camera import Camera
 
 WARP = 0.01

@@ -8,8 +8,8 @@ import pytest
 
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.simulation.responses import PARAMETER_STEP, _stepped
 from diagnosis.simulation.simulator import Simulator
+from diagnosis.simulation.variations import PARAMETER_STEP, stepped
 from simcore.mesh import GridMesh
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.scenes import Setup
@@ -19,12 +19,12 @@ FABRIC = FabricParameters(1000.0, 800.0, 300.0, 1e-5, 1e-5, 1e-5, 0.2)
 
 @pytest.mark.parametrize("index", range(7))
 def test_a_parameter_is_changed_upwards_and_at_its_upper_limit_downwards(index: int) -> None:
-    changed, step = _stepped(FABRIC, index)
+    changed, step = stepped(FABRIC, index)
     assert step == PARAMETER_STEP
     assert changed.as_array()[index] == pytest.approx((1 + step) * FABRIC.as_array()[index])
     values = FABRIC.as_array()
     values[index] = LIMITS[PARAMETER_NAMES[index]][1]
-    changed, step = _stepped(FabricParameters.from_array(values), index)
+    changed, step = stepped(FabricParameters.from_array(values), index)
     assert step == -PARAMETER_STEP
     assert changed.as_array()[index] == pytest.approx((1 + step) * values[index])
 

@@ -13,11 +13,12 @@ from diagnosis.measurement.features import measure
 from diagnosis.measurement.picture import picture_of
 from diagnosis.measurement.reference import make_reference
 from diagnosis.scene import SimulationScene
-from diagnosis.simulation import responses
+from diagnosis.simulation import variations
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.simulation.responses import clean, find_responses
+from diagnosis.simulation.responses import find_responses, responses_with
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.sizes import aside, nodes
+from diagnosis.simulation.variations import Variations, clean
 from diagnosis.tasks.fabric_task import BASE_JITTER
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -54,7 +55,7 @@ def test_fine_responses_go_on_from_the_state_itself(
         return proceed(start, one, changed)
 
     monkeypatch.setattr(simulator, "proceed", seen)
-    monkeypatch.setattr(responses, "COARSE_TOO_FAR_M", 1.0)
+    monkeypatch.setattr(variations, "COARSE_TOO_FAR_M", 1.0)
     reference = make_reference(state.drape, scene)
     found = find_responses(simulator, fabric, scene, state, list(started), picture, reference)
     fine = len(state.drape.vertices)
@@ -94,10 +95,10 @@ def test_what_the_states_own_cells_do_otherwise_at_half_sizes_is_added_at_all(
     scene = SimulationScene(Setup.nominal("stretch"))
     simulator, state = at_rest(tmp_path_factory, fabric, scene)
     picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
-    monkeypatch.setattr(responses, "COARSE_TOO_FAR_M", 1.0)
+    monkeypatch.setattr(variations, "COARSE_TOO_FAR_M", 1.0)
     effect = get_effect("pin_drop")
     found = find_responses(simulator, fabric, scene, state, ["pin_drop"], picture, reference)
-    coarse = responses._Look(simulator, fabric, scene, state, picture, reference)
+    coarse = Variations(simulator, fabric, scene, state, picture, reference)
     changed = [effect.apply(scene, size) for size in nodes(effect)]  # from -largest to largest
     rough = np.stack([coarse.change(fabric, one) for one in changed])
     own = [coarse.on_fine_cells.change(fabric, changed[number]) for number in (1, 2)]
@@ -105,7 +106,7 @@ def test_what_the_states_own_cells_do_otherwise_at_half_sizes_is_added_at_all(
     expected = [rough[0] + own[0] - rough[1], *own, rough[3] + own[1] - rough[2]]
     np.testing.assert_allclose(found.effects["pin_drop"][0], expected, atol=1e-12)
     np.testing.assert_allclose(found.pins, coarse.on_fine_cells.pins(), atol=1e-12)
-    beside = responses.responses_with(simulator, fabric, scene, state, ["pin_drop"])["pin_drop"][0]
+    beside = responses_with(simulator, fabric, scene, state, ["pin_drop"])["pin_drop"][0]
     np.testing.assert_allclose(beside, [2 * own[0], *own, 2 * own[1]], atol=1e-12)  # half sizes alone
 
 
@@ -119,8 +120,8 @@ def test_less_probable_places_are_simulated_at_half_sizes_on_the_states_own_cell
     scene = SimulationScene(Setup.nominal("stretch"))
     simulator, state = at_rest(tmp_path_factory, fabric, scene)
     picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
-    monkeypatch.setattr(responses, "COARSE_TOO_FAR_M", 1.0)
-    look = responses._Look(simulator, fabric, scene, state, picture, reference)
+    monkeypatch.setattr(variations, "COARSE_TOO_FAR_M", 1.0)
+    look = Variations(simulator, fabric, scene, state, picture, reference)
     look.effect(replace(effect, places=places[:1], odds=()))
     spent = simulator.cost.simulations
     found = look.effect(effect)["vector"]
@@ -138,7 +139,7 @@ def test_where_the_cloth_hangs_free_coarse_cells_serve(tmp_path_factory: pytest.
     fabric = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2)
     simulator, state = at_rest(tmp_path_factory, fabric, scene)
     picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
-    look = responses._Look(simulator, fabric, scene, state, picture, reference)
+    look = Variations(simulator, fabric, scene, state, picture, reference)
     found = find_responses(simulator, fabric, scene, state, ["hem_weight"], picture, reference)
     half = look.change(fabric, get_effect("hem_weight").apply(scene, nodes(get_effect("hem_weight"))[0]))
     np.testing.assert_allclose(found.effects["hem_weight"][0], [half, 2 * half], atol=1e-12)

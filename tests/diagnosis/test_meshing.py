@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from diagnosis.simulation.responses import other_radius_m
+from diagnosis.simulation.variations import other_radius_m
 from diagnosis.tasks.meshing import cell_size, on_cells
 from simcore.errors import InputError
 from simcore.mesh import GridMesh

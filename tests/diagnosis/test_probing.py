@@ -17,8 +17,9 @@ from diagnosis.measurement.reference import make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.probes import HOOKS, PROBES, TRIM_KG_M, TURN_RAD, probed
-from diagnosis.simulation.responses import PIN_STEP_M, clean, probe_responses, smaller
+from diagnosis.simulation.responses import probe_responses
 from diagnosis.simulation.simulator import Simulator
+from diagnosis.simulation.variations import PIN_STEP_M, clean, smaller
 from diagnosis.tasks.fabric_task import BASE_JITTER
 from diagnosis.workers import ALONE
 from simcore.mechanics import UniformCurvature
