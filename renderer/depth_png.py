@@ -54,7 +54,16 @@ def write_depth_png(path: Path | str, depth: ArrayLike, depth_unit_m: float = 1e
     """Write a depth picture [m], shape [H, W], as a 16-bit grey PNG; whole or not at all.
 
     Raises:
-        InputError: see :func:`quantise_depth`; or the file cannot be written.
+        InputError: see :func:`depth_png_bytes`; or the file cannot be written.
+    """
+    write_atomically(path, depth_png_bytes(depth, depth_unit_m))
+
+
+def depth_png_bytes(depth: ArrayLike, depth_unit_m: float = 1e-4) -> bytes:
+    """A depth picture [m], shape [H, W], as a 16-bit grey PNG.
+
+    Raises:
+        InputError: see :func:`quantise_depth`; or it has another shape.
     """
     from PIL import Image
 
@@ -63,7 +72,7 @@ def write_depth_png(path: Path | str, depth: ArrayLike, depth_unit_m: float = 1e
         raise InputError(f"a depth picture has shape [rows, columns], got {counts.shape}", code="depth_shape")
     content = io.BytesIO()
     Image.fromarray(counts).save(content, format="PNG")
-    write_atomically(path, content.getvalue())
+    return content.getvalue()
 
 
 def read_depth_png(path: Path | str, depth_unit_m: float = 1e-4) -> NDArray[np.float32]:

@@ -38,17 +38,30 @@ def write_ply(path: Path | str, vertices: ArrayLike, triangles: ArrayLike) -> No
     """Write a mesh, whole or not at all.
 
     Args:
+        path: of the file.
+        vertices, triangles: see :func:`ply_bytes`.
+
+    Raises:
+        InputError: the mesh is not fit or the file cannot be written.
+    """
+    write_atomically(path, ply_bytes(vertices, triangles))
+
+
+def ply_bytes(vertices: ArrayLike, triangles: ArrayLike) -> bytes:
+    """A mesh as it is in a file.
+
+    Args:
         vertices: [m], panel frame, shape [V, 3].
         triangles: int, shape [T, 3].
 
     Raises:
-        InputError: the mesh is not fit (see :func:`~renderer.surface.check_surface`) or the file cannot be written.
+        InputError: the mesh is not fit (see :func:`~renderer.surface.check_surface`).
     """
     v, t = check_surface(vertices, triangles)
     faces = np.empty(len(t), dtype=_FACE)
     faces["count"], faces["corners"] = 3, t
     header = _HEADER.format(vertices=len(v), faces=len(t)).encode("ascii")
-    write_atomically(path, header + v.astype("<f8").tobytes() + faces.tobytes())
+    return header + v.astype("<f8").tobytes() + faces.tobytes()
 
 
 def read_ply(path: Path | str) -> PlyMesh:

@@ -40,7 +40,6 @@ COMMANDS: dict[str, str] = {
 EXIT_FAILURE = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 OVERVIEW = """How will it drape? Fabric mechanics from depth pictures, and what a simulator still lacks.
 
@@ -128,7 +127,7 @@ def run(arguments: Sequence[str]) -> int:
             if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
                 console.error_line(f"{error.filename}: {error.strerror}; give a shorter path", "path_too_long")
                 return EXIT_BAD_INPUT
-            if isinstance(error, OSError) and error.errno in NO_ROOM:
+            if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
                 place = error.filename or "what the command makes"
                 console.error_line(
                     f"cannot write {place}: {error.strerror}; make room, or name another place", "cannot_write"

@@ -65,7 +65,7 @@ def simulate(
       drapemeter simulate --scene hanging --parameters p.json --effect air_draft=0.3 --out a.ply --capture-set drafty
     """
     from services.cli.plates import note_raised_bias
-    from services.cli.simulate_files import CapturePlan, check_outputs, take_picture, write_files
+    from services.cli.simulate_files import CapturePlan, check_outputs, files_written, take_picture
     from simcore.mesh import GridMesh
     from simcore.parameters import FabricParameters
 
@@ -89,9 +89,9 @@ def simulate(
         )
     if drape.status is not DrapeStatus.DIVERGED:
         picture = take_picture(drape, changed, seed) if pictured else None
-        if drape.ok and place is not None and picture is not None:
-            place.add(picture)  # first: a set that cannot take it after all leaves nothing written
-        write_files(drape, out, picture, depth)
+        with files_written(drape, out, picture, depth):
+            if drape.ok and place is not None and picture is not None:
+                place.add(picture)
     report(drape, out, json_output)
     if not drape.ok:
         console.error_line(f"the drape is {drape.status}: {drape.reason}", CODE_NOT_STILL)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -72,18 +73,30 @@ def take_picture(drape: Drape, scene: SimulationScene, seed: int) -> NDArray[np.
     return scene.sensor.apply(ideal, rng, camera=scene.camera)
 
 
-def write_files(drape: Drape, out: Path, picture: NDArray[np.float32] | None, depth: Path | None) -> None:
-    """Write where asked the picture, then the mesh; each file whole or not at all.
+@contextmanager
+def files_written(drape: Drape, out: Path, picture: NDArray[np.float32] | None, depth: Path | None) -> Iterator[None]:
+    """Write where asked the picture, then the mesh; they appear when the block ends well, each whole or not at all.
+
+    What a disk may refuse is done before the block, so that what happens in it can rely on the files.
 
     Raises:
-        InputError: the picture holds depths that a file cannot hold, and then nothing is written, or a file cannot be.
+        InputError: the picture holds depths that a file cannot hold, or a file cannot be written.
+        DrapemeterError: the disk is full.
     """
-    from renderer.depth_png import write_depth_png
-    from renderer.ply import write_ply
+    from renderer.atomic import prepare
+    from renderer.depth_png import depth_png_bytes
+    from renderer.ply import ply_bytes
 
-    if depth is not None and picture is not None:
-        write_depth_png(depth, picture)
-    write_ply(out, drape.vertices, drape.mesh.triangles)
+    contents = {} if depth is None or picture is None else {depth: depth_png_bytes(picture)}
+    contents[out] = ply_bytes(drape.vertices, drape.mesh.triangles)
+    with ExitStack() as stack:
+        ready = []
+        for path, content in contents.items():
+            ready.append(prepare(path, content))
+            stack.callback(ready[-1].drop)
+        yield
+        for file in ready:
+            file.put()
 
 
 @dataclass(frozen=True)

@@ -145,6 +145,18 @@ def test_a_set_that_changes_meanwhile_leaves_nothing_half_written(
     refuse(parameters, tmp_path, folder, "fabric_differs", capsys)
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_a_failure_and_adds_no_capture(
+    parameters: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A second try would otherwise add the same picture again, as a repeat in which nothing scatters."""
+    folder, depth = tmp_path / "set", tmp_path / "d.png"
+    outputs = ["--depth", str(depth), "--capture-set", str(folder)]
+    assert main.run(command(parameters, Path("/dev/full"), *outputs)) == 1
+    assert capsys.readouterr().err.endswith("make room, or name another place [cannot_write]\n")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [parameters]
+
+
 def test_a_place_without_permission_is_found_before_the_solve(
     parameters: Path, tmp_path: Path, unsolvable: None, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
