@@ -31,6 +31,8 @@ CODES: dict[int, str] = {
     422: "validation_failed",
 }
 """Codes of errors that the framework raises by itself."""
+MISSING_RETRY_S = "60"
+"""Something that the server should have is not there: somebody has to mend that first."""
 
 log = structlog.get_logger("drapemeter.api")
 
@@ -149,7 +151,8 @@ async def _on_validation_error(request: Request, error: Exception) -> JSONRespon
 async def _on_own_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, DrapemeterError)
     status = 422 if isinstance(error, InputError) else 503 if isinstance(error, MissingResourceError) else 500
-    return problem_response(status, error.code, str(error), request.url.path)
+    headers = {"Retry-After": MISSING_RETRY_S} if status == HTTPStatus.SERVICE_UNAVAILABLE else None
+    return problem_response(status, error.code, str(error), request.url.path, headers=headers)
 
 
 async def _on_database_error(request: Request, error: Exception) -> JSONResponse:
@@ -167,4 +170,6 @@ async def _on_refused_data(request: Request, error: Exception) -> JSONResponse:
 async def _on_unforeseen(request: Request, error: Exception) -> JSONResponse:
     log.error("unforeseen_error", exc_info=error)
     detail = f"the server failed in a way that nobody foresaw; its log has more under request {request_id()}"
-    return problem_response(500, "internal_error", detail, request.url.path)
+    # it goes out above what sets these headers on every other answer
+    headers = {"X-Request-ID": request_id(), "X-Content-Type-Options": "nosniff"}
+    return problem_response(500, "internal_error", detail, request.url.path, headers=headers)

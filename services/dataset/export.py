@@ -75,8 +75,11 @@ def _write_samples(
 ) -> int:
     count = 0
     for shard in range(store.shards):
+        first = store.rows(shard).start
+        if first >= limit:
+            break
         if store.complete[shard]:
-            rows, first = store.read_shard(shard), store.rows(shard).start
+            rows = store.read_shard(shard)
             for place in range(min(len(rows.status), max(0, limit - first))):
                 table.writerow(_write_sample(folder, rows, place, first + place, draw, store.layout.pictures))
                 count += 1

@@ -148,18 +148,23 @@ class JobQueue:
         return self._end(claim, (), status=JobStatus.CANCELLED)
 
     def release(self, claim: Claim, *, count_attempt: bool, message: str = "") -> bool:
-        """Give an unfinished job back; it is run again from the start.
+        """Give an unfinished job back; it is run again from the start, or cancelled where that was asked for.
 
         Args:
             count_attempt: False for an orderly shutdown and its like, which are no fault of the job.
             message: why it waits again.
         """
+        if self._end(claim, (), if_asked=True, status=JobStatus.CANCELLED):
+            return True
         if count_attempt and claim.attempt >= self._max_attempts:
             return self.fail(claim, "job_crashed", self._gave_up())
         with self._database.write() as session:
-            giving_back = update(Job).where(_held(claim))
+            giving_back = update(Job).where(_held(claim), Job.cancel_requested.is_(False))
             attempts = claim.attempt if count_attempt else claim.attempt - 1
-            return bool(_rows(session, giving_back.values(**_WAITING_AGAIN, attempts=attempts, message=message[:200])))
+            waits = giving_back.values(**_WAITING_AGAIN, attempts=attempts, message=message[:200])
+            if _rows(session, waits):
+                return True
+        return self.cancel(claim)  # asked for in between, or not held any more
 
     def reap(self) -> int:
         """Take jobs from workers that fell silent; returns how many."""
@@ -176,10 +181,12 @@ class JobQueue:
             session.execute(delete(Worker).where(Worker.seen_at < now - 10 * self._lease))
         return count
 
-    def _end(self, claim: Claim, files: Sequence[FileContent], **changes: Any) -> bool:
+    def _end(self, claim: Claim, files: Sequence[FileContent], *, if_asked: bool = False, **changes: Any) -> bool:
+        """End a job that is held; with ``if_asked`` only where it is to be cancelled."""
+        held = and_(_held(claim), Job.cancel_requested) if if_asked else _held(claim)
         ended = {"finished_at": self._database.now, "worker": None, "lease_expires_at": None, **changes}
         with self._database.write() as session:
-            if not _rows(session, update(Job).where(_held(claim)).values(**ended)):
+            if not _rows(session, update(Job).where(held).values(**ended)):
                 return False
             _drop_inputs(session, claim.number)
             _add_files(session, claim.number, "output", files)

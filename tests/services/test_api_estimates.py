@@ -158,6 +158,7 @@ def test_without_a_model_the_answer_says_so(tmp_path: Path) -> None:
         assert client.get("/readyz").json()["model"] == "absent"
         answer = ask(client, hanging=depth_png())
         assert (answer.status_code, answer.json()["code"]) == (503, "model_missing")
+        assert int(answer.headers["retry-after"]) > 0
 
 
 def test_too_many_at_once_are_told_when_to_come_back(tmp_path: Path, tiny_model_folder: Path) -> None:

@@ -66,6 +66,13 @@ def problem(answer: httpx.Response) -> dict[str, Any]:
             422,
             "effect_unknown",
         ),
+        (
+            "POST",
+            "/v1/diagnoses",
+            {"files": {"capture_set": ("a.zip", b"")}, "data": {"effects": " , "}},
+            422,
+            "no_effects",
+        ),
     ],
 )
 def test_bad_requests_get_a_problem_with_a_code(
@@ -74,6 +81,18 @@ def test_bad_requests_get_a_problem_with_a_code(
     answer = client.request(method, path, **options)
     assert answer.status_code == status, answer.text
     assert problem(answer)["code"] == code
+
+
+@pytest.mark.parametrize(("path", "field"), [("/v1/diagnoses", "efects"), ("/v1/estimates", "setp")])
+def test_a_misspelt_field_of_a_form_is_not_passed_over(client: httpx.Client, path: str, field: str) -> None:
+    """JSON bodies refuse it, too."""
+    files = {"capture_set": ("a.zip", b"")} if path == "/v1/diagnoses" else {"hanging": ("a.png", b"")}
+    density = {} if path == "/v1/diagnoses" else {"density": "0.2"}
+    answer = client.post(path, files=files, data={field: "air_draft", **density})
+    assert answer.status_code == 422
+    (wrong,) = problem(answer)["errors"]
+    assert (wrong["pointer"], wrong["code"]) == (f"body/{field}", "extra_forbidden")
+    assert ", ".join(files) in wrong["detail"]
 
 
 def test_numbers_that_json_does_not_have_are_refused(client: httpx.Client) -> None:

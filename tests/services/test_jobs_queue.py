@@ -160,6 +160,22 @@ def test_a_cancelled_job_of_a_silent_worker_is_not_run_again(database: Database,
     assert read(database, job_id).status == JobStatus.CANCELLED
 
 
+@pytest.mark.parametrize("count_attempt", [True, False])
+def test_a_cancelled_job_that_is_given_back_is_not_run_again(
+    database: Database, queue: JobQueue, count_attempt: bool
+) -> None:
+    """Neither does it fail where this was the last attempt."""
+    job_id = add(database)
+    for _ in range(queue._max_attempts - 1):
+        assert queue.release(claimed(queue), count_attempt=True)
+    claim = claimed(queue)
+    with database.write() as session:
+        request_cancel(session, session.scalars(select(Job)).one())
+    assert queue.release(claim, count_attempt=count_attempt)
+    assert read(database, job_id).status == JobStatus.CANCELLED
+    assert queue.claim("w") is None and not queue.release(claim, count_attempt=count_attempt)
+
+
 def test_a_waiting_job_is_cancelled_at_once(database: Database, queue: JobQueue) -> None:
     job_id = add(database)
     with database.write() as session:

@@ -11,6 +11,7 @@ from fastapi.responses import JSONResponse
 from capture.documents import CaptureSetDocument, parse_document
 from services.api.auth import Caller, require
 from services.api.documented import accepted, problems
+from services.api.forms import known_fields_only
 from services.api.idempotency import IdempotencyKey
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
@@ -31,6 +32,7 @@ router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
     status_code=202,
     response_model=JobView,
     responses={**accepted("Queued"), **problems(413, 429)},
+    dependencies=[Depends(known_fields_only)],
     summary="Diagnose a capture set",
 )
 async def create_diagnosis(
@@ -47,8 +49,11 @@ async def create_diagnosis(
 
     Scope `diagnoses:write`.
     """
+    tried = _names(effects)
+    if effects and not tried:
+        raise InputError(f"effects {effects!r} name none: give names, or leave it away", code="no_effects")
     inputs = DiagnosisInputs(
-        effects=_names(effects),
+        effects=tried,
         without=_names(without),
         resolution_m=resolution_m,
         lpips=lpips,

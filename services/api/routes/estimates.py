@@ -16,6 +16,7 @@ from renderer.camera import CANONICAL_CAMERA
 from services.api.auth import Caller, require
 from services.api.documented import problems
 from services.api.estimate_task import estimate_pictures
+from services.api.forms import known_fields_only
 from services.api.idempotency import Answer, IdempotencyKey, Once, fingerprint
 from services.api.inference import InferenceBusyError, InferenceTimeoutError
 from services.api.model_folder import require_model
@@ -57,7 +58,13 @@ Pictures = list[UploadFile]
 NO_PICTURES: list[UploadFile] = []
 
 
-@router.post("", response_model=EstimateView, responses=problems(413, 503), summary="Estimate a fabric's mechanics")
+@router.post(
+    "",
+    response_model=EstimateView,
+    responses=problems(413, 503),
+    dependencies=[Depends(known_fields_only)],
+    summary="Estimate a fabric's mechanics",
+)
 async def create_estimate(
     state: Annotated[ServiceState, Depends(get_state)],
     caller: Annotated[Caller, Depends(require(ApiScope.ESTIMATES_WRITE))],
