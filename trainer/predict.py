@@ -121,9 +121,8 @@ class Estimator:
         centre = np.mean([part[0] for part in parts], axis=0)
         low = np.mean([part[1] for part in parts], axis=0)
         high = np.mean([part[2] for part in parts], axis=0)
-        scaling = self.model.scaling
-        beyond = abs(float(scaling.encode_density(np.array(density)))) / scaling.density_limit
-        score = max([beyond, *(float(np.median([e.score for e in shown])) for shown in extracted.values())])
+        seen = [float(np.median([e.score for e in shown])) for shown in extracted.values()]
+        score = max(self.model.scaling.beyond(density), *seen)
         reasons = tuple(dict.fromkeys(text for shown in pictures.values() for one in shown for text in one.otherwise))
         values, lower, upper = (_within_limits(np.exp(logs)) for logs in (centre, low, high))
         return Estimate(

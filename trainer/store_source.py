@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy import ndimage
 from torch import Tensor
 
 from capture.normalise import fill_holes
@@ -19,6 +20,7 @@ from renderer.store import Store
 from simcore.errors import InputError, StoreError
 from trainer.config import Inclinations
 from trainer.dataset import SCENES, PictureTable
+from trainer.preprocess import FLOOR_M
 
 _COUNTS_PER_M = 1e4
 _SPARSE = 0.25
@@ -109,13 +111,18 @@ def _one_number_a_fabric(material: NDArray[np.int64], parameters: NDArray[np.flo
 
 
 def _heights(counts: NDArray[Any], inclination_deg: float, as_seen: bool) -> NDArray[np.int16]:
-    """Depth counts [n, H, W] to heights; a tilted panel is the reference unless the slope is to be seen."""
-    panel = _panel_counts(0.0 if as_seen else inclination_deg)
+    """Depth counts [n, H, W] to heights over the panel, however it is tilted.
+
+    Where the slope is to be seen, it is added where cloth stands off that panel, and only upwards: what leans away
+    from the camera would otherwise lie lower than an upright panel and be taken for it.
+    """
+    panel = _panel_counts(inclination_deg)
     height = np.subtract(panel, counts, dtype=np.float32)
-    if as_seen:
-        # The tilted panel itself must stay background.
-        height[np.abs(_panel_counts(inclination_deg) - counts) < 1.5] = 0.0
     height[counts == 0] = 0.0
+    if as_seen and inclination_deg:
+        slope = _panel_counts(0.0) - panel
+        cloth = ndimage.uniform_filter(height, (0, 3, 3)) > FLOOR_M * _COUNTS_PER_M
+        height = np.where(cloth & (counts > 0), height + (slope - min(0.0, float(slope.min()))), np.float32(0.0))
     rounded: NDArray[np.int16] = np.rint(height).astype(np.int16)
     return rounded
 

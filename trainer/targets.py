@@ -30,7 +30,8 @@ class TargetScaling:
         targets: ``log``: ln p; ``log_per_weight``: ln(p / (g * density)), membrane [m], bending [m³].
         mean, spread: of those logarithms, shape [6].
         density_mean, density_spread: of ln(density / (kg/m²)).
-        density_limit: the most extreme training density, in spreads from the mean.
+        density_low, density_high: the lowest and the highest training density, in spreads from the mean; at least one
+            spread away from it.
     """
 
     targets: Targets
@@ -38,7 +39,8 @@ class TargetScaling:
     spread: tuple[float, ...]
     density_mean: float
     density_spread: float
-    density_limit: float
+    density_low: float
+    density_high: float
 
     @classmethod
     def fit(cls, parameters: ArrayLike, targets: Targets) -> TargetScaling:
@@ -53,13 +55,15 @@ class TargetScaling:
             tuple(float(v) for v in np.maximum(logs.std(axis=0), _LEAST_SPREAD)),
             float(density.mean()),
             density_spread,
-            float(max(np.abs(density - density.mean()).max() / density_spread, 1.0)),
+            float(min((density.min() - density.mean()) / density_spread, -1.0)),
+            float(max((density.max() - density.mean()) / density_spread, 1.0)),
         )
 
     def knowing(self, parameters: ArrayLike) -> TargetScaling:
         """The same for a network that learns from further materials, [materials, 7]: their densities are known."""
-        further = float(np.abs(self.encode_density(np.asarray(parameters, dtype=np.float64)[:, 6])).max())
-        return replace(self, density_limit=max(self.density_limit, further))
+        further = self.encode_density(np.asarray(parameters, dtype=np.float64)[:, 6])
+        low, high = min(self.density_low, float(further.min())), max(self.density_high, float(further.max()))
+        return replace(self, density_low=low, density_high=high)
 
     def encode(self, parameters: ArrayLike) -> FloatArray:
         """Standardised targets, float64, shape [n, 6], of parameters [n, 7]."""
@@ -69,6 +73,11 @@ class TargetScaling:
     def encode_density(self, density: ArrayLike) -> FloatArray:
         """Standardised log-density, same shape as ``density`` [kg/m²]."""
         return np.asarray((np.log(np.asarray(density, dtype=np.float64)) - self.density_mean) / self.density_spread)
+
+    def beyond(self, density: float) -> float:
+        """How far a density [kg/m²] is from the training mean, in the same way's most extreme one."""
+        place = float(self.encode_density(np.array(density)))
+        return place / (self.density_high if place > 0.0 else self.density_low)
 
     def decode(self, standardised: ArrayLike, density: ArrayLike) -> FloatArray:
         """Logarithms of the six parameters [ln SI], float64, shape [n, 6].
@@ -90,19 +99,22 @@ class TargetScaling:
             "spread": list(self.spread),
             "density_mean": self.density_mean,
             "density_spread": self.density_spread,
-            "density_limit": self.density_limit,
+            "density_low": self.density_low,
+            "density_high": self.density_high,
         }
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> TargetScaling:
-        """Back from :meth:`to_json`."""
+        """Back from :meth:`to_json`; models of earlier versions know how far their densities went, not which way."""
+        limit = values.get("density_limit")
         return cls(
             values["targets"],
             tuple(values["mean"]),
             tuple(values["spread"]),
             values["density_mean"],
             values["density_spread"],
-            values["density_limit"],
+            values["density_low"] if limit is None else -limit,
+            values["density_high"] if limit is None else limit,
         )
 
 

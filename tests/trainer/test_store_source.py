@@ -21,6 +21,7 @@ from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
 from tests.services.s3_server import BUCKET, s3_server
 from trainer.dataset import PairStream, batches
+from trainer.preprocess import cloth_mask
 from trainer.store_source import StoreSource
 
 TILTS = (-5.0, 0.0, 5.0)
@@ -96,6 +97,19 @@ def test_as_seen_keeps_the_slope_on_the_cloth_only(store: Path) -> None:
     assert not heights[0, :55].any() and not heights[2, 210:].any()
     assert int(heights[2, 190, 100]) - int(heights[2, 70, 100]) > 200  # 5 degrees over a third of a metre
     assert (heights[1, 60:200, 60:200] == StoreSource(store).read(np.arange(6))[1, 60:200, 60:200]).all()
+
+
+def test_as_seen_loses_no_cloth_that_leans_away_and_takes_no_panel_for_cloth(tmp_path: Path) -> None:
+    """Also where the sensor's noise moves the panel by half a millimetre."""
+    rows = _rows(0)
+    rough = rows.depth + np.rint(5.0 * np.random.default_rng(2).standard_normal(rows.depth.shape)).astype(np.int64)
+    for number, depth in enumerate((rows.depth, rough.astype(np.uint16))):
+        path = tmp_path / f"{number}.zarr"
+        writer = StoreWriter.create(path, LAYOUT, configuration={}, seed=4, software_version="test")
+        writer.write_shard(0, replace(rows, depth=depth))
+        cloth = cloth_mask(StoreSource(path, "as_seen").read(np.arange(6))[:, None].float() * 1e-4)[:, 0]
+        assert cloth[:, 61:199, 61:199].all()
+        assert int(cloth.sum()) <= 6 * 144**2  # and nothing elsewhere but its rim
 
 
 def test_single_rows_equal_whole_shards(store: Path) -> None:

@@ -39,6 +39,20 @@ def test_densities_of_further_materials_are_known() -> None:
     scaling = TargetScaling.fit(PARAMETERS, "log_per_weight")
     heavy = PARAMETERS * 100.0
     known = scaling.knowing(heavy)
-    assert known.density_limit == pytest.approx(np.abs(scaling.encode_density(heavy[:, 6])).max())
-    assert known.density_limit > scaling.density_limit
+    assert known.density_high == pytest.approx(scaling.encode_density(heavy[:, 6]).max())
+    assert known.density_high > scaling.density_high and known.density_low == scaling.density_low
     assert scaling.knowing(PARAMETERS) == scaling
+
+
+def test_a_density_is_held_against_those_of_its_own_side() -> None:
+    """The lightest training fabric is farther from the mean than the heaviest."""
+    parameters = np.repeat(PARAMETERS[:1], 4, axis=0)
+    parameters[:, 6] = [0.02, 0.3, 0.35, 0.4]
+    scaling = TargetScaling.fit(parameters, "log")
+    assert -scaling.density_low > 1.5 * scaling.density_high
+    assert scaling.beyond(0.02) == pytest.approx(1.0) and scaling.beyond(0.0199) > 1.0 > scaling.beyond(0.021)
+    heaviest = 0.4 if scaling.density_high > 1.0 else np.exp(scaling.density_mean + scaling.density_spread)
+    assert scaling.beyond(heaviest) == pytest.approx(1.0) and scaling.beyond(1.01 * heaviest) > 1.0
+    assert TargetScaling.from_json(scaling.to_json()) == scaling
+    earlier = {**scaling.to_json(), "density_limit": 2.0}
+    assert TargetScaling.from_json(earlier).beyond(0.4) < 1.0  # which way was not kept
