@@ -82,7 +82,7 @@ def with_capture(folder: Path, new: NewCapture, camera: Camera) -> CaptureSetDoc
     """
     _check_name(new.fabric)
     there = _read(folder)
-    entry = _entry(new, there)
+    entry = _entry(new, folder, there)
     if there is None:
         base: dict[str, Any] = {
             "format": FORMAT,
@@ -134,8 +134,8 @@ def _read(folder: Path) -> CaptureSetDocument | None:
     return None
 
 
-def _entry(new: NewCapture, there: CaptureSetDocument | None) -> dict[str, Any]:
-    """The capture's entry: an id and a picture that the set does not have yet."""
+def _entry(new: NewCapture, folder: Path, there: CaptureSetDocument | None) -> dict[str, Any]:
+    """The capture's entry: an id that the set does not have yet, and a picture that its folder does not have."""
     captures = () if there is None else there.captures
     ids = {capture.id for capture in captures}
     pictures = {capture.depth for capture in captures}
@@ -143,7 +143,7 @@ def _entry(new: NewCapture, there: CaptureSetDocument | None) -> dict[str, Any]:
     while True:
         capture_id = f"{new.fabric[:LONGEST_NAME]}-{new.scene}-{repeat}"
         depth = f"{file_name(new.fabric)}-{new.scene}-{repeat}.png"
-        if capture_id not in ids and depth not in pictures:
+        if capture_id not in ids and depth not in pictures and not (folder / depth).exists():
             return {"id": capture_id, "fabric": new.fabric, "scene": new.scene, "repeat": repeat, "depth": depth}
         repeat += 1
 

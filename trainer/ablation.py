@@ -11,15 +11,17 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from renderer.atomic import write_atomically
 from simcore.errors import InputError
 from trainer.config import AugmentConfig, TrainConfig
 from trainer.dataset import SCENES, Partition, PictureSource, PictureTable
 from trainer.evaluate import Metrics, evaluate, number_text
 from trainer.presets import preset_config
+from trainer.pretrained import find_pretrained
 from trainer.program import make_results_folder, told_in_one_line
 from trainer.train import split_of, steps_of, train, training_pictures
 
@@ -62,13 +64,19 @@ def input_influence(base: TrainConfig) -> dict[str, TrainConfig]:
     return {"depth": replace(base, network=blind), "density and depth": base}
 
 
-def run(source_by_inclination: Mapping[str, PictureSource], configs: Mapping[str, TrainConfig]) -> dict[str, Metrics]:
+def run(
+    source_by_inclination: Mapping[str, PictureSource],
+    configs: Mapping[str, TrainConfig],
+    keep: Callable[[dict[str, Metrics]], None] = lambda results: None,
+) -> dict[str, Metrics]:
     """Train every configuration on the same split, for as many steps, and test it on the same upright pictures.
 
     Args:
         source_by_inclination: the pictures, by ``TrainConfig.inclinations``.
+        configs: by name.
+        keep: told all results so far after each.
     """
-    results = {}
+    results: dict[str, Metrics] = {}
     for name, config in configs.items():
         sys.stderr.write(f"training: {name}\n")
         source = source_by_inclination[config.inclinations]
@@ -76,6 +84,7 @@ def run(source_by_inclination: Mapping[str, PictureSource], configs: Mapping[str
         model = train(source, as_long(config, pictures))
         split = split_of(pictures, config)
         results[name] = evaluate(model.network, source, pictures.upright(), split, model.scaling, model.intervals)
+        keep(results)
     return results
 
 
@@ -101,7 +110,7 @@ def table(results: Mapping[str, Metrics], predictor: str = "hanging+stretch") ->
         cells = []
         for prefix in ("stretch", "bending"):
             cells += [
-                f"{metrics.average(predictor, 'mae_range', prefix):.3f}",
+                number_text(metrics.average(predictor, "mae_range", prefix), 3),
                 f"{math.exp(metrics.average(predictor, 'mae_log', prefix)):.2f}",
                 number_text(metrics.average(predictor, "spearman", prefix), 3),
             ]
@@ -126,13 +135,16 @@ def main() -> None:
 def _run(options: argparse.Namespace) -> None:
     from trainer.store_source import StoreSource
 
-    base = preset_config(options.preset).with_values({"epochs": options.epochs, "seed": options.seed}, {})
+    asked = {"epochs": options.epochs, "seed": options.seed, "pretrained": options.pretrained}
+    base = preset_config(options.preset).with_values(asked, {})
     if options.pretrained and base.network.trunk_width != 1.0:
         raise InputError(
             f"ImageNet weights are for the full trunk, preset {options.preset} has {base.network.trunk_width} of it: "
             "give --preset standard or paper",
             code="trunk_width",
         )
+    if options.pretrained:
+        find_pretrained()
     shown = set(StoreSource(options.store).table().scene.tolist())
     lacking = [scene.value for place, scene in enumerate(SCENES) if place not in shown]
     if lacking:
@@ -146,15 +158,20 @@ def _run(options: argparse.Namespace) -> None:
         "registered": StoreSource(options.store),
         "as_seen": StoreSource(options.store, "as_seen"),
     }
-    steps = run(sources, ladder(base, pretrained=options.pretrained))
-    inputs = run(sources, input_influence(base))
+    steps = run(sources, ladder(base, pretrained=options.pretrained), lambda done: write(options.out, done, {}))
+    run(sources, input_influence(base), lambda done: write(options.out, steps, done))
+
+
+def write(out: Path, steps: Mapping[str, Metrics], inputs: Mapping[str, Metrics]) -> None:
+    """`ablation.json` and `ablation.md` of what is done so far."""
     parts = ["Ablation, both scenes\n", table(steps)]
-    for scenes in ("hanging", "stretch", "hanging+stretch"):
-        parts += [f"\nInputs: {scenes}\n", table(inputs, scenes)]
-    parts += ["\nDensity alone\n", table({"density": next(iter(inputs.values()))}, "density")]
-    (options.out / "ablation.md").write_text("\n".join(parts) + "\n", encoding="utf-8")
+    if inputs:
+        for scenes in ("hanging", "stretch", "hanging+stretch"):
+            parts += [f"\nInputs: {scenes}\n", table(inputs, scenes)]
+        parts += ["\nDensity alone\n", table({"density": next(iter(inputs.values()))}, "density")]
+    write_atomically(out / "ablation.md", ("\n".join(parts) + "\n").encode())
     documents = {name: metrics.to_json() for name, metrics in {**steps, **inputs}.items()}
-    (options.out / "ablation.json").write_text(json.dumps(documents, indent=1) + "\n", encoding="utf-8")
+    write_atomically(out / "ablation.json", (json.dumps(documents, indent=1) + "\n").encode())
 
 
 if __name__ == "__main__":

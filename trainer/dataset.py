@@ -64,8 +64,18 @@ class PictureTable:
         return self.take(np.isin(self.material, materials))
 
     def upright(self) -> PictureTable:
-        """Without the tilted pictures."""
-        return self.take(np.abs(self.inclination_deg) < 1e-6)
+        """Without the tilted pictures.
+
+        Raises:
+            InputError: all are tilted.
+        """
+        upright = np.abs(self.inclination_deg) < 1e-6
+        if len(upright) and not upright.any():
+            raise InputError(
+                "all pictures of the store are tilted: make one with an odd number of --inclinations",
+                code="no_upright_pictures",
+            )
+        return self.take(upright)
 
     def material_parameters(self) -> NDArray[np.float64]:
         """One row of parameters a material, ordered by material, shape [materials, 7]."""

@@ -32,7 +32,8 @@ class Score:
 
     Attributes:
         mae_log: mean absolute error of the natural logarithm; exp of it is a typical factor.
-        mae_range: mean absolute error over the range of the training materials, as in the paper's tables.
+        mae_range: mean absolute error over the range of the training materials, as in the paper's tables; NaN where
+            they are all alike.
         spearman: rank correlation with the truth; 0 for a constant prediction, NaN where fewer than
             :data:`LEAST_RANKED` fabrics were tested.
         coverage: share of truths inside the 90 % interval; NaN without intervals.
@@ -135,7 +136,8 @@ def _scores(
     training: FloatArray, truth: FloatArray, predicted_logs: FloatArray, half_widths: FloatArray | None = None
 ) -> dict[str, Score]:
     logs = np.log(truth[:, :6])
-    spans = np.maximum(np.ptp(training[:, :6], axis=0), 1e-12)
+    spans = np.ptp(training[:, :6], axis=0)
+    spans[spans == 0.0] = math.nan
     result = {}
     for k, name in enumerate(ESTIMATED_NAMES):
         error = np.abs(predicted_logs[:, k] - logs[:, k])

@@ -12,7 +12,6 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from capture.capture_set import CaptureSet
 from capture.normalise import NetworkInput
 from capture.prepare import prepare_all
+from renderer.atomic import write_atomically
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES
 from simcore.scenes import Scene
@@ -92,7 +92,7 @@ def _scores(fabrics: list[KnownFabric], estimates: list[Estimate]) -> dict[str, 
     for k, name in enumerate(ESTIMATED_NAMES):
         values = np.array([estimate.parameters[name] for estimate in estimates])
         ends = np.array([estimate.intervals_90[name] for estimate in estimates])
-        span = max(float(np.ptp(truth[:, k])), 1e-12)
+        span = float(np.ptp(truth[:, k])) or math.nan  # one fabric has no range
         result[name] = Score(
             mae_log=float(np.abs(np.log(values / truth[:, k])).mean()),
             mae_range=float(np.abs(values - truth[:, k]).mean() / span),
@@ -126,11 +126,13 @@ def main() -> None:
     with told_in_one_line():
         if options.out is not None and not options.out.absolute().parent.is_dir():
             raise InputError(f"{options.out}: no such folder: make it, or name another file", code="folder_unusable")
+        if options.out is not None and options.out.is_dir():
+            raise InputError(f"{options.out} is a folder: name a file", code="output_is_folder")
         scores = evaluate_captures(Estimator.load(options.model), known_fabrics(options.captures))
-    sys.stdout.write(markdown(scores) + "\n")
-    if options.out is not None:
-        plain: dict[str, Any] = {key: {name: s.to_json() for name, s in rows.items()} for key, rows in scores.items()}
-        options.out.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
+        sys.stdout.write(markdown(scores) + "\n")
+        if options.out is not None:
+            plain = {key: {name: s.to_json() for name, s in rows.items()} for key, rows in scores.items()}
+            write_atomically(options.out, (json.dumps(plain, indent=1) + "\n").encode())
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from simcore.errors import InputError
+from simcore.errors import DrapemeterError, InputError
 from simcore.parameters import ESTIMATED_NAMES, UNITS, read_json_object
 from trainer.config import TrainConfig
 from trainer.evaluate import Metrics
@@ -58,7 +58,8 @@ class TrainedModel:
             The model's version.
 
         Raises:
-            InputError: ``folder`` exists and is no model folder, or cannot be written.
+            InputError: ``folder`` exists and is no model folder, or lies where nothing can be made.
+            DrapemeterError: the disk is full, or the folder cannot be replaced; an earlier model there is kept.
         """
         target = Path(os.path.realpath(folder))
         check_target(target)
@@ -74,11 +75,18 @@ class TrainedModel:
             text = json.dumps({**meta, "model_version": version}, indent=1, ensure_ascii=False)
             (fresh / META_FILE).write_text(text + "\n", encoding="utf-8")
             fresh.chmod(0o755)
-            if target.exists():
-                shutil.rmtree(target)
-            fresh.replace(target)
-        finally:
+        except OSError as error:
             shutil.rmtree(fresh, ignore_errors=True)
+            raise DrapemeterError(
+                f"{target}: cannot be written ({error.strerror}); what was there is as it was", code="model_not_written"
+            ) from error
+        try:
+            _take_place(fresh, target)
+        except OSError as error:
+            raise DrapemeterError(
+                f"{target}: cannot be replaced ({error.strerror}); the new model is in {fresh}",
+                code="model_not_written",
+            ) from error
         return version
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -135,6 +143,21 @@ def load_model(folder: str | Path) -> TrainedModel:
         return _from_stored(meta, weights)
     except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
         raise InputError(f"{place}: cannot be read as a model ({error})", code="model_damaged") from None
+
+
+def _take_place(fresh: Path, target: Path) -> None:
+    """Put a folder in another one's place; where that fails the other one is there again."""
+    if not target.exists():
+        fresh.replace(target)
+        return
+    aside = fresh.with_name(f"{fresh.name}-former")
+    target.replace(aside)
+    try:
+        fresh.replace(target)
+    except OSError:
+        aside.replace(target)
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
 
 
 def check_target(folder: Path) -> None:

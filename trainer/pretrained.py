@@ -6,6 +6,7 @@ import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from pickle import UnpicklingError
 from urllib.error import URLError
 
 import torch
@@ -40,7 +41,7 @@ def load_pretrained_trunk(trunk: ResNet18Trunk) -> BaseWeights:
     channels start at zero.
 
     Raises:
-        InputError: the trunk is not of full width.
+        InputError: the trunk is not of full width, or the folder's file holds no such weights.
         MissingResourceError: no weights in the folder and none to download.
     """
     if trunk.channels != 512:
@@ -53,10 +54,23 @@ def load_pretrained_trunk(trunk: ResNet18Trunk) -> BaseWeights:
     adapted = {key: tensor.float() for key, tensor in state.items() if key not in _UNUSED}
     colour = adapted["conv1.weight"]
     first = torch.zeros_like(trunk.conv1.weight)
-    first[:, 0] = colour.sum(dim=1)
-    adapted["conv1.weight"] = first
-    trunk.load_state_dict(adapted)
+    try:
+        first[:, 0] = colour.sum(dim=1)
+        adapted["conv1.weight"] = first
+        trunk.load_state_dict(adapted)
+    except (RuntimeError, IndexError) as error:
+        raise _unusable(origin.name, error) from None
     return origin
+
+
+def find_pretrained() -> None:
+    """Find out whether there are weights, before work that needs them later; a download is kept by torchvision.
+
+    Raises:
+        InputError: the folder's file is none.
+        MissingResourceError: no weights in the folder and none to download.
+    """
+    _find_weights()
 
 
 def _find_weights() -> tuple[dict[str, Tensor], BaseWeights]:
@@ -79,9 +93,22 @@ def _find_weights() -> tuple[dict[str, Tensor], BaseWeights]:
 
 
 def _read(path: Path) -> dict[str, Tensor]:
-    if path.suffix == ".safetensors":
-        from safetensors.torch import load_file
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
 
-        return load_file(path)
-    state: dict[str, Tensor] = torch.load(path, map_location="cpu", weights_only=True)
-    return state
+    try:
+        state = load_file(path) if path.suffix == ".safetensors" else torch.load(path, "cpu", weights_only=True)
+    except (OSError, EOFError, RuntimeError, ValueError, UnpicklingError, SafetensorError) as error:
+        raise _unusable(path, error) from None
+    tensors = isinstance(state, dict) and all(isinstance(value, Tensor) for value in state.values())
+    if not tensors or "conv1.weight" not in state:
+        raise _unusable(path, "it holds no state of a ResNet-18")
+    return dict(state)
+
+
+def _unusable(file: Path | str, why: object) -> InputError:
+    said = " ".join(str(why).split())[:200]
+    return InputError(
+        f"{file} ({WEIGHTS_VARIABLE}) cannot be used as ResNet-18 weights: {said}; put another file there",
+        code="weights_unusable",
+    )

@@ -24,9 +24,17 @@ def make_results_folder(folder: Path) -> None:
 
 @contextmanager
 def told_in_one_line() -> Iterator[None]:
-    """End the program as `drapemeter` does: one line on standard error, exit status 2 for bad input, else 1."""
+    """End the program as `drapemeter` does: one line on standard error, exit status 2 for bad input, else 1.
+
+    A file that cannot be written for want of room, or read any more, is a failure.
+    """
     try:
         yield
+    except OSError as error:
+        place = error.filename or "what the program writes"
+        said = f"{place}: {error.strerror or error}; make room, or name another place"
+        sys.stderr.write(f"error: {said} [cannot_write]\n")
+        raise SystemExit(1) from None
     except DrapemeterError as error:
         sys.stderr.write(f"error: {' '.join(str(error).split())} [{error.code}]\n")
         raise SystemExit(2 if isinstance(error, InputError) else 1) from None

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from renderer.atomic import write_atomically
 from simcore.parameters import ESTIMATED_NAMES
 from trainer.dataset import SCENES, PairStream, PictureSource, PictureTable, batches
 from trainer.model import TrainedModel, load_model
@@ -122,9 +123,9 @@ def main() -> None:
         pictures = source.table().upright()
         make_results_folder(options.out)
         maps = aggregate(model, source, pictures)
-    np.savez_compressed(options.out / "saliency.npz", allow_pickle=False, **maps.maps)
-    save_figure(maps, options.out / "saliency.png")
-    (options.out / "saliency.json").write_text(json.dumps({"pictures": maps.pictures}) + "\n", encoding="utf-8")
+        np.savez_compressed(options.out / "saliency.npz", allow_pickle=False, **maps.maps)
+        save_figure(maps, options.out / "saliency.png")
+        write_atomically(options.out / "saliency.json", (json.dumps({"pictures": maps.pictures}) + "\n").encode())
 
 
 if __name__ == "__main__":

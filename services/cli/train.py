@@ -48,7 +48,8 @@ def train(
 ) -> None:
     """Train the estimator, calibrate its intervals and test it on fabrics held out of training.
 
-    The same store, options and seed give the same model. Training starts from scratch unless --pretrained.
+    The same store, options and seed give the same model. Training starts from scratch unless
+    --pretrained or --preset paper, which takes ImageNet weights unless --scratch.
 
     \b
     Example:
@@ -124,15 +125,19 @@ def run(
     """Train here or on Ray, from scratch or from an earlier model, tracked by TensorBoard if a folder is given."""
     from services.training.job import train_on_ray
     from trainer.store_source import StoreSource
+    from trainer.symmetry import as_symmetric
     from trainer.tracking import TensorBoardLog
     from trainer.train import train as train_here
 
     log = TensorBoardLog(tensorboard, show) if tensorboard is not None else None
     report_step = log.report if log is not None else show
+    source = StoreSource(store, config.inclinations)
+    asked, config = config, as_symmetric(config, source.provenance())
+    if config != asked:
+        console.note("pictures are not mirrored: this store's simulator has effects that may be one-sided")
     if ranks:
         model = train_on_ray(store, config, ranks=ranks, address=address, start=start, report=report_step)
     else:
-        source = StoreSource(store, config.inclinations)
         model = train_here(source, config, start=start, provenance=source.provenance(), report=report_step)
     if log is not None:
         log.finish(model.metrics)

@@ -62,6 +62,19 @@ def test_numbers_that_the_set_does_not_state_are_refused(tmp_path: Path) -> None
         add(tmp_path / "set", density=0.2)
 
 
+def test_a_picture_that_the_set_no_longer_names_is_not_overwritten(tmp_path: Path) -> None:
+    """Somebody took its entry out and kept the file; a run that was interrupted leaves one, too."""
+    folder = tmp_path / "set"
+    for _ in range(2):
+        add(folder)
+    left, other = (folder / capture["depth"] for capture in document(folder)["captures"])
+    change(folder, captures=document(folder)["captures"][1:])
+    before = left.read_bytes()
+    add(folder)
+    assert left.read_bytes() == before
+    assert {folder / capture["depth"] for capture in document(folder)["captures"]} - {other} != {left}
+
+
 def test_another_setup_is_kept_with_its_capture(tmp_path: Path) -> None:
     folder = tmp_path / "set"
     pose = frontal_pose()

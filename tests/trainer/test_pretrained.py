@@ -59,3 +59,22 @@ def test_shared_weights_fit(shared_dir: Path, monkeypatch: pytest.MonkeyPatch) -
     trunk = ResNet18Trunk(1).eval()
     load_pretrained_trunk(trunk)
     assert torch.isfinite(trunk(torch.randn(1, 1, 64, 64))).all()
+
+
+@pytest.mark.parametrize("name", ["resnet18.safetensors", "resnet18.pth"])
+@pytest.mark.parametrize("content", [b"", b"no weights at all", "a whole model", "another network"])
+def test_a_file_that_holds_no_such_weights_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: bytes | str
+) -> None:
+    monkeypatch.setenv(WEIGHTS_VARIABLE, str(tmp_path))
+    path = tmp_path / name
+    state = {"conv1.weight": torch.zeros(2, 3, 7, 7)} if content == "another network" else {"model": torch.zeros(1)}
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif name.endswith("pth"):
+        torch.save(state, path)
+    else:
+        save_file(state, path)
+    with pytest.raises(InputError, match=name) as caught:
+        load_pretrained_trunk(ResNet18Trunk(1))
+    assert caught.value.code == "weights_unusable" and "\n" not in str(caught.value)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import json
+import os
 from argparse import Namespace
 from pathlib import Path
 
@@ -11,6 +14,9 @@ from simcore.errors import InputError
 from tests.services.dataset_helpers import small_sweep
 from tests.services.dataset_rows import made_up_store
 from trainer import ablation, program
+from trainer.config import TrainConfig
+from trainer.dataset import PictureTable
+from trainer.model import TrainedModel
 
 
 def test_an_ablation_needs_both_scenes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,3 +34,57 @@ def test_a_file_in_the_place_of_results_is_told_beforehand(tmp_path: Path, capsy
     assert ended.value.code == 2
     assert capsys.readouterr().err.strip().endswith("[folder_unusable]")
     assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_an_ablation_that_stops_keeps_what_was_trained(
+    tiny_model: TrainedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each configuration takes as long as a training."""
+    store = made_up_store(tmp_path / "s.zarr", *small_sweep(materials=3))
+    begun: list[bool] = []
+
+    def trained(source: object, config: TrainConfig) -> TrainedModel:
+        begun.append(config.pretrained)
+        if len(begun) == 3:
+            raise KeyboardInterrupt
+        return tiny_model
+
+    monkeypatch.setattr(ablation, "train", trained)
+    monkeypatch.setattr(ablation, "as_long", lambda config, pictures: config)
+    monkeypatch.setattr(ablation, "split_of", lambda pictures, config: None)
+    monkeypatch.setattr(ablation, "evaluate", lambda *given: tiny_model.metrics)
+    monkeypatch.setattr(PictureTable, "upright", lambda table: table)
+    options = Namespace(store=str(store), out=tmp_path / "out", preset="paper", epochs=1, seed=0, pretrained=False)
+    with pytest.raises(KeyboardInterrupt):
+        ablation._run(options)
+    assert (
+        list(json.loads((tmp_path / "out" / "ablation.json").read_text()))
+        == list(ablation.ladder(TrainConfig(), pretrained=False))[:2]
+    )
+    assert (tmp_path / "out" / "ablation.md").read_text().count("\n| ") == 3
+
+
+def test_inputs_are_compared_without_weights_that_were_not_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = made_up_store(tmp_path / "s.zarr", *small_sweep(materials=3))
+    wanted: list[bool] = []
+    monkeypatch.setattr(
+        ablation, "run", lambda sources, configs, keep: wanted.extend(c.pretrained for c in configs.values()) or {}
+    )
+    for pretrained in (False, True):
+        monkeypatch.setattr(ablation, "find_pretrained", lambda: wanted.append(True))
+        wanted.clear()
+        options = Namespace(
+            store=str(store), out=tmp_path / "out", preset="paper", epochs=1, seed=0, pretrained=pretrained
+        )
+        ablation._run(options)
+        assert any(wanted) is pretrained
+
+
+def test_a_full_disk_is_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended, program.told_in_one_line():
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "out/saliency.npz")
+    assert ended.value.code == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: out/saliency.npz: ") and said.endswith("[cannot_write]\n") and said.count("\n") == 1

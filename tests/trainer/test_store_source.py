@@ -17,12 +17,14 @@ from renderer.depth_png import quantise_depth
 from renderer.pose import inclination_pose
 from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
 from renderer.store_format import DEPTH_UNIT_M
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 from simcore.scenes import Scene, Setup
 from tests.services.s3_server import BUCKET, s3_server
+from trainer.config import TrainConfig
 from trainer.dataset import PairStream, batches
 from trainer.preprocess import cloth_mask
 from trainer.store_source import StoreSource
+from trainer.symmetry import as_symmetric
 
 TILTS = (-5.0, 0.0, 5.0)
 LAYOUT = StoreLayout(
@@ -168,3 +170,32 @@ def test_spawned_workers_stream_from_s3(store: Path, tmp_path: Path, monkeypatch
         far = torch.cat([b.pictures for b in batches(streams[0], 2, workers=1)])
         near = torch.cat([b.pictures for b in batches(streams[1], 2)])
     assert torch.equal(far, near) and len(near) == 6
+
+
+def test_a_damaged_picture_is_told_however_few_are_read(tmp_path: Path) -> None:
+    writer = StoreWriter.create(tmp_path / "s.zarr", LAYOUT, configuration={}, seed=4, software_version="test")
+    writer.write_shard(0, _rows(0))
+    (damaged,) = (path for path in (tmp_path / "s.zarr" / "depth" / "c").rglob("*") if path.is_file())
+    content = bytearray(damaged.read_bytes())
+    content[100:-200] = bytes(len(content) - 300)
+    damaged.write_bytes(content)
+    for rows in ([1], [0, 1, 2, 3, 4, 5]):
+        with pytest.raises(StoreError) as caught:
+            StoreSource(tmp_path / "s.zarr").read(np.array(rows))
+        assert caught.value.code == "store_damaged"
+
+
+def test_a_store_of_tilted_pictures_alone_says_what_to_do(store: Path) -> None:
+    table = StoreSource(store).table()
+    with pytest.raises(InputError, match="odd number of --inclinations") as caught:
+        table.take(table.inclination_deg > 1.0).upright()
+    assert caught.value.code == "no_upright_pictures"
+
+
+def test_an_extended_simulators_pictures_are_not_mirrored() -> None:
+    """A pin that hangs lower on the right would hang lower on the left."""
+    config = TrainConfig(mirror=0.5)
+    extended = {"configuration": {"simulator": [{"name": "pin_drop", "magnitude": 0.01}]}}
+    assert as_symmetric(config, extended).mirror == 0.0
+    for plain in ({}, {"configuration": None}, {"configuration": {"simulator": []}}):
+        assert as_symmetric(config, plain) is config

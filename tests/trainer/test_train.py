@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 
-from simcore.errors import InputError
+from simcore.errors import DrapemeterError, InputError
 from simcore.parameters import ESTIMATED_NAMES
 from trainer.config import NetworkConfig, TrainConfig
 from trainer.evaluate import Metrics
@@ -89,6 +91,25 @@ def test_saving_replaces_models_and_nothing_else(tiny_model: TrainedModel, tmp_p
     assert (other / "chapter.txt").read_text() == "precious"
 
 
+def test_a_model_that_cannot_be_replaced_is_kept(
+    tiny_model: TrainedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So is the new one: it may have taken hours."""
+    version, rename = tiny_model.save(tmp_path / "model"), Path.replace
+
+    def failing(path: Path, target: Path) -> Path:
+        if target.name == "model" and not path.name.endswith("-former"):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "replace", failing)
+    with pytest.raises(DrapemeterError, match="the new model is in") as caught:
+        tiny_model.save(tmp_path / "model")
+    assert caught.value.code == "model_not_written"
+    new = Path(str(caught.value).split("the new model is in ")[1])
+    assert load_model(tmp_path / "model").version == load_model(new).version == version
+
+
 def test_damage_is_noticed(tiny_model: TrainedModel, tmp_path: Path) -> None:
     folder = tmp_path / "model"
     tiny_model.save(folder)
@@ -130,7 +151,10 @@ def test_going_on_from_a_model(tiny_model: TrainedModel, tiny_config: TrainConfi
     before = tiny_model.version
     config = replace(tiny_config, epochs=1, network=NetworkConfig(), learning_rate=1e-6)
     further = train(SHORT, config, start=tiny_model)
-    assert further.scaling == tiny_model.scaling and further.config.network == tiny_model.config.network
+    kept = tiny_model.scaling
+    widened = replace(further.scaling, density_low=kept.density_low, density_high=kept.density_high)
+    assert widened == kept and further.scaling.density_high >= kept.density_high
+    assert further.config.network == tiny_model.config.network
     assert further.provenance["start"]["model_version"] == before == tiny_model.version != further.version
     old, new = (m.network.trunk.conv1.weight for m in (tiny_model, further))
     assert torch.allclose(old, new, atol=1e-3)

@@ -1,0 +1,23 @@
+"""Whether a store's scenes are the same in the mirror, so that mirrored pictures may be learnt from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from trainer.config import TrainConfig
+
+
+def as_symmetric(config: TrainConfig, provenance: Mapping[str, Any]) -> TrainConfig:
+    """The configuration without mirroring, where the store was made by an extended simulator.
+
+    The baseline's ``hanging`` is symmetric. A lowered pin, turned yarns or a crease are not, and mirrored pictures
+    would show the opposite of what the simulator was extended by.
+
+    Args:
+        config: as asked for.
+        provenance: what the store says of itself (:meth:`trainer.store_source.StoreSource.provenance`).
+    """
+    extended = (provenance.get("configuration") or {}).get("simulator")
+    return replace(config, mirror=0.0) if extended and config.mirror else config
