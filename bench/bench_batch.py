@@ -11,9 +11,9 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from pathlib import Path
 
 import torch
+from results import add_json_option
 
 from simcore.batch.alone import Alone
 from simcore.batch.request import Request
@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--fabrics", type=int, default=64)
     parser.add_argument("--most", type=int, default=256, help="samples worked on at once")
     parser.add_argument("--single", type=int, default=6, help="fabrics that the single solver drapes too")
-    parser.add_argument("--json", type=Path, default=Path("out/bench/batch.json"))
+    add_json_option(parser, "batch")
     options = parser.parse_args()
     mesh = GridMesh(1e-3 * options.cells)
     wanted = requests(options.fabrics)
@@ -75,7 +75,6 @@ def main() -> None:
     }
     for name, value in result.items():
         print(f"{name:28} {value}")
-    options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
 

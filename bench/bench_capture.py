@@ -15,10 +15,10 @@ import platform
 import time
 from collections import defaultdict
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from results import add_json_option
 from scipy import ndimage
 
 from capture.camera_rig import share_pose
@@ -151,7 +151,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=2, help="drapes of each fabric and scene")
-    parser.add_argument("--json", type=Path, help="also write the numbers here")
+    add_json_option(parser, "capture")
     options = parser.parse_args()
     cases = simulate(options.repeats)
     rows = measure(cases)
@@ -163,14 +163,13 @@ def main() -> None:
         print(f"{row['sensor']:12} {row['pose']:9} {row['scene']:8} {height} {pose}")
     print(f"CPU: segment and register {rows[0]['register_cpu_s']} s, normalise 640x480 {taken['640x480']} ms,", end=" ")
     print(f"a picture of the canonical camera {taken['own']} ms")
-    if options.json is not None:
-        result = {
-            "machine": platform.processor(),
-            "python": platform.python_version(),
-            "rows": rows,
-            "normalise_ms": taken,
-        }
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+    result = {
+        "machine": platform.processor(),
+        "python": platform.python_version(),
+        "rows": rows,
+        "normalise_ms": taken,
+    }
+    options.json.write_text(json.dumps(result, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -20,11 +20,11 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from bench_solver import FABRICS, LIMIT_S
 from numpy.typing import NDArray
+from results import add_json_option
 
 import simcore.solver
 from simcore.drape import Drape
@@ -151,7 +151,7 @@ def main() -> None:
     parser.add_argument("--radius", type=float, default=60.0, help="of the held patches, mm")
     parser.add_argument("--square", action="store_true", help="hold squares of that edge")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, default=Path("out/bench/convergence.json"))
+    add_json_option(parser, "convergence")
     options = parser.parse_args()
     if options.square:
         simcore.solver.Pins = SquarePins  # type: ignore[misc]  # the experiment's, not the product's
@@ -162,7 +162,6 @@ def main() -> None:
             found = refined(solvers, name, Scene.parse(scene), 1e-3 * options.radius, options.seed)
             print(*found, sep="\n", flush=True)
             rows += found
-    options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps([asdict(row) for row in rows], indent=1) + "\n", encoding="utf-8")
 
 

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import psutil
+from results import add_json_option
 
 from renderer.store import RowStatus, Store
 from services.dataset.cluster import ray_cluster
@@ -279,7 +280,7 @@ def main() -> None:
     parser.add_argument("--tasks", type=int, default=1000, help="of the memory test; 0 leaves it out")
     parser.add_argument("--shard", type=int, default=4, help="simulations of a shard")
     parser.add_argument("--costs", help="mesh cells [m], separated by commas: check the cost estimate, nothing else")
-    parser.add_argument("--json", type=Path)
+    add_json_option(parser, "dataset")
     parser.add_argument("--figure", type=Path)
     options = parser.parse_args()
     if options.costs:
@@ -290,8 +291,7 @@ def main() -> None:
         numbers = report(options, Path(folder))
     for name, value in numbers.items():
         print(f"{name:28s} {value:.4g}" if isinstance(value, float) else f"{name:28s} {value}")
-    if options.json:
-        options.json.write_text(json.dumps(numbers, indent=1))
+    options.json.write_text(json.dumps(numbers, indent=1))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from results import add_json_option
+
 from capture.capture_set import CaptureSet
 from diagnosis.atlas import build_atlas
 from diagnosis.atlas_part import atlas_parts
@@ -105,7 +107,7 @@ def main() -> None:
     parser.add_argument("--resolution", type=float, default=0.01)
     parser.add_argument("--workers", default="1,2")
     parser.add_argument("--page", type=Path)
-    parser.add_argument("--json", type=Path)
+    add_json_option(parser, "diagnosis")
     given = parser.parse_args()
     scenes = tuple(given.scenes.split(","))
     plan = SynthesisPlan(given.fabrics, scenes, given.repeats, resolution_m=0.5 / 60, seed=5)
@@ -114,8 +116,7 @@ def main() -> None:
     print(text)
     if given.page is not None:
         put_section(given.page, text)
-    if given.json is not None:
-        write_atomically(given.json, (json.dumps(rows, indent=1) + "\n").encode())
+    write_atomically(given.json, (json.dumps(rows, indent=1) + "\n").encode())
 
 
 if __name__ == "__main__":

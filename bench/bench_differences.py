@@ -24,6 +24,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from results import add_json_option
+
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.effects import parse_effect
@@ -112,7 +114,7 @@ def main() -> None:
     parser.add_argument("--effect", default="panel_tilt=8")
     parser.add_argument("--kinds", default=",".join(KINDS))
     parser.add_argument("--fabrics", type=int, default=PLAN.fabrics)
-    parser.add_argument("--json", type=Path)
+    add_json_option(parser, "differences")
     given = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     rows = []
@@ -121,8 +123,7 @@ def main() -> None:
             for effect in ("", given.effect):
                 rows.append(row(kind, effect, given.fabrics, DrapeCache(Path(shelf))))
                 print(json.dumps(rows[-1]), flush=True)
-                if given.json is not None:
-                    write_atomically(given.json, (json.dumps(rows, indent=1) + "\n").encode())
+                write_atomically(given.json, (json.dumps(rows, indent=1) + "\n").encode())
     print(table(rows))
 
 

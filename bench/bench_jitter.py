@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from bench_solver import FABRICS
 from numpy.typing import NDArray
+from results import add_json_option
 
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import render_depth
@@ -98,7 +99,7 @@ def main() -> None:
     parser.add_argument("--cells", type=float, default=10.0, help="mm")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--figure", type=Path, default=Path("out/bench/jitter.png"))
-    parser.add_argument("--json", type=Path, default=Path("out/bench/jitter.json"))
+    add_json_option(parser, "jitter")
     options = parser.parse_args()
     rows, shown = measure(Solver(GridMesh(1e-3 * options.cells)), options.seeds, Jitter())
     print("fabric   scene     repeats: mean (least - most) mm    other fabrics mm")
@@ -107,7 +108,6 @@ def main() -> None:
             f"{row['fabric']:8} {row['scene']:8} {row['repeats_mm']:8.2f} "
             f"({row['least_mm']:.2f} - {row['most_mm']:.2f})          {row['other_fabrics_mm']:8.2f}"
         )
-    options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     draw(shown, options.figure)
 

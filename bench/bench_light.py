@@ -18,9 +18,9 @@ import os
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 
 import numpy as np
+from results import add_json_option
 
 COMPILING = """
 import json, time
@@ -88,7 +88,7 @@ def main() -> None:
     parser.add_argument("--cells", type=float, nargs="+", default=[10.0, 5.0], help="mm")
     parser.add_argument("--drapes", type=int, nargs="+", default=[200, 40], help="for each size of cells")
     parser.add_argument("--fabrics", type=int, help="so many, in turn; by default another one for each drape")
-    parser.add_argument("--json", type=Path, default=Path("out/bench/light.json"))
+    add_json_option(parser, "light")
     options = parser.parse_args()
     if len(options.cells) != len(options.drapes):
         parser.error("give as many --drapes as --cells")
@@ -100,7 +100,6 @@ def main() -> None:
             name = f"memory_{cells:g}_mm"
             results[name] = run(DRAPING, str(cells), str(drapes), str(options.fabrics or drapes), cache=cache)
             print(name, results[name], flush=True)
-    options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 

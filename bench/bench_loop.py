@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from results import add_json_option
 
 from capture.capture_set import CaptureSet
 from diagnosis.diagnose import DiagnosisOptions, diagnose
@@ -206,13 +207,14 @@ def run(out: Path, options: argparse.Namespace) -> None:
         print("  ".join(f"{v:.2f}" if isinstance(v, float) else str(v) for v in asdict(row).values()))
     for name, change in changes.items():
         print(f"{name}: {change['mean']:.2f} +- {change['standard_error']:.2f} in |error of ln p|")
-    (out / "loop.json").write_text(json.dumps({"rows": [asdict(row) for row in rows], "changes": changes}, indent=1))
+    options.json.write_text(json.dumps({"rows": [asdict(row) for row in rows], "changes": changes}, indent=1))
 
 
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, help="folder for all that is made; a later run goes on in it")
+    add_json_option(parser, "loop")
     parser.add_argument("--effect", default="hem_weight=30", help="NAME=MAGNITUDE that the captures have")
     parser.add_argument("--materials", type=int, default=128, help="fabrics of each sweep")
     parser.add_argument("--known", type=int, default=4, help="fabrics that are diagnosed")

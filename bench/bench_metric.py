@@ -2,7 +2,7 @@
 
     python bench/bench_metric.py [--fabrics 200] [--json metric.json]
 
-Prints a table and, with ``--json``, writes the numbers. CPU time of one thread; pictures of smooth surfaces like cloth
+Prints a table and writes the numbers. CPU time of one thread; pictures of smooth surfaces like cloth
 through the real renderer, so that no simulation is needed. LPIPS needs its weights (``DRAPEMETER_WEIGHTS``).
 """
 
@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from results import add_json_option
 
 from metric.descriptor import DescriptorStore, FabricDescriptor, describe, descriptor_key
 from metric.drape_distance import drape_distance
@@ -161,7 +162,7 @@ def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fabrics", type=int, default=200, help="size of the library searched, at least 12")
-    parser.add_argument("--json", type=Path, help="file to write the numbers to")
+    add_json_option(parser, "metric")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     backend = LpipsBackend("squeeze")
@@ -173,8 +174,7 @@ def main() -> None:
     for part in ("passes", "search"):
         for name, value in found[part].items():
             print(f"{part:<8} {name:<22} {value:.4g}")
-    if arguments.json is not None:
-        arguments.json.write_text(json.dumps(found, indent=1))
+    arguments.json.write_text(json.dumps(found, indent=1))
 
 
 if __name__ == "__main__":

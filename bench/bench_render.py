@@ -2,7 +2,7 @@
 
     python bench/bench_render.py [--renders 500] [--json render.json]
 
-Prints a table and, with ``--json``, writes the numbers. Means of CPU time, the offscreen renderer's child included; a
+Prints a table and writes the numbers. Means of CPU time, the offscreen renderer's child included; a
 smooth hanging-like surface on the meshes of the solver, so that no simulation is needed.
 """
 
@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from results import add_json_option
 
 from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose
 from renderer.depth import render_depth, render_depths
@@ -188,16 +189,15 @@ def main() -> None:
     """Run everything, print a table, write JSON."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--renders", type=int, default=500, help="renders of the memory test")
-    parser.add_argument("--json", type=Path, help="file to write the numbers to")
+    add_json_option(parser, "render")
     options = parser.parse_args()
     rows = depth_rows() + shade_rows() + memory_rows(options.renders)
     for row in rows:
         print("  ".join(f"{key} {value}" for key, value in row.items()))
     agreement = engines_agree()
     print("engines agree:", agreement)
-    if options.json:
-        document = {"machine": platform.processor() or platform.machine(), "rows": rows, "engines_agree": agreement}
-        options.json.write_text(json.dumps(document, indent=1) + "\n")
+    document = {"machine": platform.processor() or platform.machine(), "rows": rows, "engines_agree": agreement}
+    options.json.write_text(json.dumps(document, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -15,10 +15,10 @@ import json
 import platform
 import resource
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from results import add_json_option
 
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -99,7 +99,7 @@ def main() -> None:
     parser.add_argument(
         "--peer", nargs="*", default=["medium"], choices=list(FABRICS), help="fabrics MuJoCo drapes too"
     )
-    parser.add_argument("--json", type=Path, default=Path("out/bench/solver.json"))
+    add_json_option(parser, "solver")
     options = parser.parse_args()
     has_peer = importlib.util.find_spec("mujoco") is not None
     if options.peer and not has_peer:
@@ -136,7 +136,6 @@ def main() -> None:
             )
     results["peak_rss_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     print(f"peak memory {results['peak_rss_mb']} MB")
-    options.json.parent.mkdir(parents=True, exist_ok=True)
     options.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
 
 

@@ -2,7 +2,7 @@
 
     python bench/bench_train.py [--store store.zarr] [--json train.json]
 
-Prints a table and, with ``--json``, writes the numbers. CPU time; without a store of one's own, pictures of a smooth
+Prints a table and writes the numbers. CPU time; without a store of one's own, pictures of a smooth
 hanging-like surface are written to a temporary one.
 """
 
@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from results import add_json_option
 
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import render_depths
@@ -40,6 +41,7 @@ LAYOUT = StoreLayout(
     simulations_per_shard=16,
     vertex_count=MESH.vertex_count,
 )
+
 NETWORKS = ((256, 1.0), (128, 1.0), (128, 0.5), (128, 0.25), (64, 0.25))
 
 
@@ -111,7 +113,7 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--store", type=Path, help="a store of one's own")
-    parser.add_argument("--json", type=Path, help="file to write the numbers to")
+    add_json_option(parser, "train")
     options = parser.parse_args()
     torch.set_num_threads(1)
     rows: list[dict[str, str | float]] = []
@@ -129,9 +131,8 @@ def main() -> None:
         rows.append({"what": f"step, {size} px, width {width:g}", **times})
     for row in rows:
         print("  ".join(f"{key} {value}" for key, value in row.items()))
-    if options.json is not None:
-        document = {"machine": platform.processor() or platform.machine(), "rows": rows}
-        options.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    document = {"machine": platform.processor() or platform.machine(), "rows": rows}
+    options.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

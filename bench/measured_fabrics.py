@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from results import add_json_option
 from scipy.stats import spearmanr
 
 from metric.backends import get_backend
@@ -47,13 +48,14 @@ def main() -> None:
     parser.add_argument("--resolution", type=float, default=0.01)
     parser.add_argument("--reference", default="11oz-black-denim", help="fabric to search for")
     parser.add_argument("--out", type=Path, default=Path("docs/pictures"))
-    parser.add_argument("--json", type=Path, help="file to write the numbers to")
+    add_json_option(parser, "measured-fabrics")
     arguments = parser.parse_args()
     rows = json.loads(arguments.measured.read_text())["measured_fabrics"]["fabrics"]
     names = [row["id"] for row in rows]
     fabrics = [parameters(row) for row in rows]
     plan = SimulationPlan(arguments.simulations, arguments.resolution)
-    simulated = simulate_fabrics(fabrics, plan, cache=RenderCache(default_cache_folder() / "renders"))
+    folder = default_cache_folder()
+    simulated = simulate_fabrics(fabrics, plan, cache=None if folder is None else RenderCache(folder / "renders"))
     matrix = pair_tables([s.scenes for s in simulated], get_backend("lpips")).matrix()
     scaling = classical_scaling(excess_distance(matrix))
     by_parameters = ParameterDistance.of_population(fabrics).matrix(fabrics)
@@ -78,9 +80,8 @@ def main() -> None:
         nearest = [j for j in np.argsort(matrix.distance[k]) if j != k][:3]
         others = ", ".join(f"{names[j]} {matrix.distance[k, j]:.3f}" for j in nearest)
         print(f"{name:<20} {scaling.points[k].round(3)}  d(a,a) {matrix.distance[k, k]:.3f}  nearest {others}")
-    if arguments.json is not None:
-        found = {"names": names, "distance": matrix.distance.tolist(), "error": matrix.standard_error.tolist()}
-        arguments.json.write_text(json.dumps({**found, "points": scaling.points.tolist()}, indent=1))
+    found = {"names": names, "distance": matrix.distance.tolist(), "error": matrix.standard_error.tolist()}
+    arguments.json.write_text(json.dumps({**found, "points": scaling.points.tolist()}, indent=1))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 WEIGHTS_VARIABLE = "DRAPEMETER_WEIGHTS"
 _CONNECT_TIMEOUT_S = 15.0
-INSTEAD = "or run with --backend depth, which needs no weights"
+INSTEAD = "or choose the back end depth (--backend depth; in a study --backends depth), which needs no weights"
 """What to do otherwise, in commands that compare drapes; a diagnosis goes on without."""
 
 

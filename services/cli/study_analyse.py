@@ -99,18 +99,20 @@ def analyse(
 
 def _matrices(store: StudyStore, names: list[str], plan: SimulationPlan) -> dict[str, NDArray[np.float64]]:
     """Distance matrices by every metric, or none where parameters are unknown."""
-    from metric.backends import get_backend
+    from metric.backends import check_backend, get_backend
     from metric.matrix import pair_tables
     from metric.parameter_distance import ParameterDistance
     from metric.simulate import samples_apart, simulate_fabrics
     from services.cli.metric_options import caches
     from simcore.parameters import FabricParameters
 
-    chosen = [get_backend(name) for name in names]
+    for name in names:
+        check_backend(name)
     unknown = [fabric.name for fabric in store.fabrics if fabric.parameters is None]
     if unknown:
         console.note(f"no metric is compared with people: parameters are unknown of {', '.join(unknown)}")
         return {}
+    chosen = [get_backend(name) for name in names]
     fabrics = [FabricParameters.from_mapping(f.parameters or {}) for f in store.fabrics]
     found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
     if not chosen:
