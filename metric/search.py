@@ -125,8 +125,13 @@ def search_library(
 
     wants_exact = len(library) <= EXACT_UP_TO if exact is None else exact
     if wants_exact or not isinstance(backend, SquaredEuclideanBackend):
-        found_sets = simulate(range(len(fabrics)))
-        return _rank_exactly(library, found_sets, backend, cache, _failures(library, failed))
+        own = simulate([0])[0]
+        ranking: list[RankedFabric] = []
+        for start in range(1, len(fabrics), _FABRICS_AT_A_TIME):
+            found_sets = simulate(range(start, min(start + _FABRICS_AT_A_TIME, len(fabrics))))
+            ranking += _compared(library, own, found_sets, backend, cache)
+        pictures = {scene: thumbnail(sets[0]) for scene, sets in own.items()}
+        return SearchResult(sorted(ranking, key=lambda r: r.distance), pictures, _failures(library, failed))
     sketched = Sketched(backend)
     store = descriptors if descriptors is not None else DescriptorStore()
     keys = [descriptor_key(f, first, plan, sketched) for f, first in zip(fabrics, firsts, strict=True)]
@@ -141,8 +146,8 @@ def search_library(
         _call(on_done)
     ranked = [k for k in range(len(library)) if k + 1 not in failed]
     descriptors_found = [found[keys[k + 1]] for k in ranked]
-    ranking = rank_descriptors([library[k] for k in ranked], found[keys[0]], descriptors_found, sketched)
-    return SearchResult(ranking, found[keys[0]].pictures, _failures(library, failed))
+    ordered = rank_descriptors([library[k] for k in ranked], found[keys[0]], descriptors_found, sketched)
+    return SearchResult(ordered, found[keys[0]].pictures, _failures(library, failed))
 
 
 def rank_descriptors(
@@ -158,22 +163,20 @@ def rank_descriptors(
     ]
 
 
-def _rank_exactly(
+def _compared(
     library: Sequence[LibraryFabric],
+    reference: dict[Scene, list[DrapeRender]],
     simulated: dict[int, dict[Scene, list[DrapeRender]]],
     backend: Backend,
     cache: FeatureCache,
-    failed: list[FailedFabric],
-) -> SearchResult:
+) -> list[RankedFabric]:
+    """Some of the library's fabrics, by place from 1, with their distances by full features, in its order."""
     found = []
-    for place, entry in enumerate(library, start=1):
-        if place in simulated:
-            drapes = simulated[place]
-            result = drape_distance(simulated[0], drapes, backend, cache=cache)
-            pictures = {scene: thumbnail(sets[0]) for scene, sets in drapes.items()}
-            found.append(RankedFabric(entry.id, result.distance, result.standard_error, pictures))
-    pictures = {scene: thumbnail(sets[0]) for scene, sets in simulated[0].items()}
-    return SearchResult(sorted(found, key=lambda r: r.distance), pictures, failed)
+    for place, drapes in simulated.items():
+        result = drape_distance(reference, drapes, backend, cache=cache)
+        pictures = {scene: thumbnail(sets[0]) for scene, sets in drapes.items()}
+        found.append(RankedFabric(library[place - 1].id, result.distance, result.standard_error, pictures))
+    return found
 
 
 def _failures(library: Sequence[LibraryFabric], failed: dict[int, str]) -> list[FailedFabric]:

@@ -237,6 +237,7 @@ def _shown(
     check_names(name, [fabric.id for fabric in known])
     if photographs is not None:
         entries = entries_from_photographs(photographs, known)
+        check_names(name, [entry.name for entry in entries])
         check_plan(len(entries), triplets)
         return lambda: entries
     if not known:

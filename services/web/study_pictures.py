@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from metric.library import LibraryFabric
 from metric.render_cache import RenderCache
@@ -12,6 +15,11 @@ from metric.simulate import SimulationPlan, samples_apart, simulate_fabrics
 from services.web.study_create import PictureFile, StudyEntry
 from simcore.errors import InputError
 
+if TYPE_CHECKING:
+    from PIL import Image
+
+LITTER = frozenset({"Thumbs.db", "desktop.ini"})
+"""What file browsers leave behind."""
 PHOTOGRAPH_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp"})
 LARGEST_SIDE = 1024
 _MOST_PIXELS = 100_000_000
@@ -52,8 +60,8 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
     Photographs are turned upright, scaled down to 1024 pixels and stripped of all that a camera writes into them.
 
     Raises:
-        InputError: no such folder, no subfolders, a file that is no usable picture, or a subfolder of a name that a
-            library, where one is given, does not have.
+        InputError: no such folder, no subfolders or an empty one, a file that is no usable picture, or a subfolder of
+            a name that a library, where one is given, does not have.
     """
     if not folder.is_dir():
         raise InputError(
@@ -62,7 +70,7 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
     known = {fabric.id: fabric.parameters for fabric in library}
     entries = []
     for inner in sorted(p for p in folder.iterdir() if p.is_dir()):
-        files = sorted(p for p in inner.iterdir() if p.suffix.lower() in PHOTOGRAPH_SUFFIXES)
+        files = _photographs(inner)
         pictures = tuple(
             PictureFile(0, f"{place:04d} {path.stem}"[:80], "image/jpeg", _photograph(path))
             for place, path in enumerate(files)
@@ -80,6 +88,39 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
     return entries
 
 
+def _photographs(folder: Path) -> list[Path]:
+    """The folder's photographs by name.
+
+    Raises:
+        InputError: it has none, or other files, which may be photographs as well (those of many telephones are HEIC).
+    """
+    files = sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".") and p.name not in LITTER)
+    others = [p.name for p in files if p.suffix.lower() not in PHOTOGRAPH_SUFFIXES]
+    if others:
+        raise InputError(
+            f"{folder}: {others[0]} is none of {', '.join(sorted(PHOTOGRAPH_SUFFIXES))}: convert it, or take it out",
+            code="photograph_kind",
+        )
+    if not files:
+        raise InputError(f"no pictures of {folder.name}: {folder} is empty", code="study_pictures_missing")
+    return files
+
+
+def _in_colour(image: Image.Image) -> Image.Image:
+    """Eight bits a channel: what is transparent on white, sixteen bits scaled down, not cut off."""
+    from PIL import Image
+
+    if image.mode.startswith(("I", "F")):
+        counts = np.asarray(image, dtype=np.float64)
+        if image.mode == "F" or counts.min() < 0 or counts.max() > 65535:
+            raise OSError(f"its pixels are numbers of kind {image.mode}, from {counts.min():g} to {counts.max():g}")
+        return Image.fromarray(np.rint(counts / 257.0).astype(np.uint8)).convert("RGB")
+    if image.has_transparency_data:
+        white = Image.new("RGBA", image.size, "white")
+        return Image.alpha_composite(white, image.convert("RGBA")).convert("RGB")
+    return image.convert("RGB")
+
+
 def _photograph(path: Path) -> bytes:
     from PIL import Image, ImageOps, UnidentifiedImageError
 
@@ -87,7 +128,7 @@ def _photograph(path: Path) -> bytes:
         with Image.open(path) as image:
             if image.width * image.height > _MOST_PIXELS:
                 raise InputError(f"{path}: more than 100 megapixels; scale it down", code="photograph_too_large")
-            upright = ImageOps.exif_transpose(image).convert("RGB")
+            upright = _in_colour(ImageOps.exif_transpose(image))
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError) as error:
         raise InputError(f"{path}: not a usable picture ({error})", code="photograph_unreadable") from None
     upright.thumbnail((LARGEST_SIDE, LARGEST_SIDE))

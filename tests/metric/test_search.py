@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from metric import search
 from metric.backends import SquaredEuclideanBackend
 from metric.descriptor import DescriptorStore, FabricDescriptor, thumbnail
 from metric.draping import DrapeRequest, RequestResult
@@ -189,3 +190,21 @@ def test_a_folder_spares_memory_and_damage_counts_as_absent(tmp_path: Path) -> N
     for key in "abc":
         alone.save(key, described)
     assert alone.load("a") is not None, "what is kept nowhere else stays"
+
+
+def test_renders_of_a_large_library_are_not_held_at_once(
+    make_render: MakeRender, pixels: SquaredEuclideanBackend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exact search as well, which back ends without sketches always do."""
+    plain = search_library(fabric(3.0), library(7), pixels, PLAN, runner=FakeSimulations(make_render), exact=True)
+    monkeypatch.setattr(search, "_FABRICS_AT_A_TIME", 2)
+    most = []
+
+    class Counted(FakeSimulations):
+        def __call__(self, requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
+            most.append(len({request.fabric for request in requests}))
+            return super().__call__(requests)
+
+    found = search_library(fabric(3.0), library(7), pixels, PLAN, runner=Counted(make_render), exact=True)
+    assert most == [1, 2, 2, 2, 1]
+    assert [(r.id, r.distance) for r in found.ranking] == [(r.id, r.distance) for r in plain.ranking]

@@ -113,7 +113,9 @@ def test_photographs_that_the_library_does_not_name_are_refused(
     assert "no fabric named Fabric-3" in capsys.readouterr().err
     study = document(capsys, "study", "make", "--photographs", photos)["study"]
     document(capsys, "study", "simulate", study, "--observers", "1")
-    analysed = run(["study", "analyse", study, "--simulated", "--backends", ""])
+    assert run(["study", "analyse", study, "--simulated", "--backends", "nothing"]) == 2
+    capsys.readouterr()
+    analysed = run(["study", "analyse", study, "--simulated"])  # LPIPS, which nothing is asked of
     said = capsys.readouterr().err
     assert analysed == 0
     assert "parameters are unknown of" in said and "Fabric-3" in said and "20 answers place 8 fabrics poorly" in said
@@ -158,6 +160,7 @@ def test_unusable_studies_name_the_way_out(folder: Path, capsys: pytest.CaptureF
     (folder / "broken" / "a").mkdir(parents=True)
     (folder / "broken" / "a" / "x.jpg").write_bytes(b"no picture")
     (folder / "empty").mkdir()
+    (folder / "bare" / "a").mkdir(parents=True)
     for arguments, message in (
         (["make"], "LIBRARY.json"),
         (["make", library, "--triplets", "10"], "reference 2 times"),
@@ -165,6 +168,7 @@ def test_unusable_studies_name_the_way_out(folder: Path, capsys: pytest.CaptureF
         (["make", "--photographs", str(folder / "none")], "no such folder"),
         (["make", "--photographs", str(folder / "empty")], "no subfolders"),
         (["make", "--photographs", str(folder / "broken")], "not a usable picture"),
+        (["make", "--photographs", str(folder / "bare")], "no pictures of a"),
         (["analyse", "study_0"], "study list"),
         (["export", "study_0", "--out", str(folder / "x.txt")], ".csv or .json"),
         (["simulate", "study_0"], "study list"),

@@ -215,3 +215,29 @@ def test_photographs_of_one_stem_are_all_shown(tmp_path: Path, store: StudyStore
             Image.new("RGB", (8, 8)).save(tmp_path / fabric / name)
     made = create_study(store.database, "photos", entries_from_photographs(tmp_path), triplets=8, shared=1, seed=0)
     assert [len(made.pictures(place, 0)) for place in range(4)] == [4] * 4
+
+
+def test_pictures_of_other_kinds_look_as_they_are(tmp_path: Path) -> None:
+    """Sixteen bits are scaled, what is transparent lies on white."""
+    for fabric in "ab":
+        (tmp_path / fabric).mkdir()
+        ramp = np.tile(np.linspace(0, 65535, 64).astype(np.uint16), (64, 1))
+        Image.fromarray(ramp).save(tmp_path / fabric / "a.png")
+        Image.new("RGBA", (64, 64), (0, 0, 0, 0)).save(tmp_path / fabric / "b.png")
+    ramp_shown, clear_shown = (
+        np.asarray(Image.open(io.BytesIO(shown.content))) for shown in entries_from_photographs(tmp_path)[0].pictures
+    )
+    assert abs(float(ramp_shown.mean()) - 127.5) < 3.0 and ramp_shown[:, 0].max() < 20
+    assert clear_shown.min() > 250
+
+
+@pytest.mark.parametrize(
+    ("files", "code"), [(["a.jpg", "IMG_1.HEIC"], "photograph_kind"), ([], "study_pictures_missing")]
+)
+def test_photographs_are_not_left_out_without_a_word(tmp_path: Path, files: list[str], code: str) -> None:
+    (tmp_path / "cotton").mkdir()
+    for name in (*files, ".DS_Store", "Thumbs.db"):
+        Image.new("RGB", (8, 8)).save(tmp_path / "cotton" / name, format="JPEG")
+    with pytest.raises(InputError, match="cotton") as caught:
+        entries_from_photographs(tmp_path)
+    assert caught.value.code == code
