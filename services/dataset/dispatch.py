@@ -13,7 +13,7 @@ from services.dataset.configuration import SweepConfiguration
 from services.dataset.fabrics import FabricTable
 from services.dataset.shard import ShardTask
 from services.dataset.solver_kind import SolverKind
-from services.dataset.worker import ShardWorker, SimulationDone
+from services.dataset.worker import ShardSolved, ShardWorker, SimulationDone
 from simcore.errors import StoreError
 
 MAX_DEATHS = 3
@@ -23,6 +23,9 @@ MAX_STILLBORN = 10
 """Workers that may die before they start."""
 
 POLL_S = 0.5
+
+STORING_REQUESTS = 20
+"""A store that is slow may make each request that stores a shard wait as long as requests are repeated."""
 
 LEAST_SILENCE_S = 10.0
 """However short the time limit is, a simulation has this long to be told of."""
@@ -58,6 +61,7 @@ class _Slot:
     shard: int = -1
     done: int = 0
     heard: float = 0.0
+    storing: bool = False
 
 
 class Dispatcher:
@@ -173,7 +177,7 @@ class Dispatcher:
             {number: self._given_up[number] for number in numbers if number in self._given_up},
             one_by_one=self._one_by_one(shard),
         )
-        slot.shard, slot.done, slot.heard = shard, 0, time.monotonic()
+        slot.shard, slot.done, slot.heard, slot.storing = shard, 0, time.monotonic(), False
         run = slot.actor.run
         if self._shard_deaths[shard]:
             # A word still on its way when its worker dies is lost, and the death would be charged to a simulation that
@@ -191,7 +195,7 @@ class Dispatcher:
 
         slot = self._running[stream]
         try:
-            word: SimulationDone = ray.get(next(stream))
+            word: SimulationDone | ShardSolved = ray.get(next(stream))
         except StopIteration:
             del self._running[stream]
             if slot.solves < self._options.recycle_after:
@@ -207,22 +211,29 @@ class Dispatcher:
             del self._running[stream]
             self._lost(slot, RowStatus.CRASHED, f"the worker died ({type(error).__name__})")
             return
+        slot.heard = self._heard = time.monotonic()
+        if isinstance(word, ShardSolved):
+            slot.storing = True
+            return
         slot.done += 1
         slot.solves = word.solves
-        slot.heard = self._heard = time.monotonic()
         self._listen(word)
 
     def _end_hung(self) -> None:
         """Kill workers whose simulation has been silent far beyond its time limit."""
+        from renderer.store_remote import patience_s
+
         now = time.monotonic()
         limit = max(LEAST_SILENCE_S, self._options.silence_factor * self._configuration.time_limit_s)
         if self._configuration.solver is not SolverKind.SINGLE:
             limit *= self._configuration.simulations_per_shard  # it is silent until all of a shard are solved
         for stream, slot in list(self._running.items()):
             allowance = self._options.compile_allowance_s if slot.solves == 0 else 0.0
+            if slot.storing:
+                allowance = STORING_REQUESTS * patience_s()
             if now - slot.heard > limit + allowance:
                 del self._running[stream]
-                self._lost(slot, RowStatus.TIMED_OUT, f"silent for {limit:.0f} s")
+                self._lost(slot, RowStatus.TIMED_OUT, f"silent for {limit + allowance:.0f} s")
         if not self._running and not self._idle and now - self._heard > self._options.start_allowance_s:
             raise StoreError(
                 f"no worker has come up in {self._options.start_allowance_s:.0f} s: the cluster has no free CPU",
@@ -237,6 +248,8 @@ class Dispatcher:
         self._tell_lost(status)
         numbers = self._configuration.layout.shard_simulations(slot.shard)
         self._shard_deaths[slot.shard] += 1
+        if slot.storing:
+            slot.done = len(numbers)  # nobody's fault: its simulations are done
         together = self._configuration.solver is not SolverKind.SINGLE
         if together and slot.done == 0 and self._shard_deaths[slot.shard] <= MAX_DEATHS:
             pass  # it died solving the whole shard: of nobody yet, and of the same bits when done again

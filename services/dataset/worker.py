@@ -39,6 +39,17 @@ class SimulationDone:
     stored: bool
 
 
+@dataclass(frozen=True)
+class ShardSolved:
+    """A worker's word when all of a shard's simulations are done and it goes on to write them.
+
+    Attributes:
+        shard: its number.
+    """
+
+    shard: int
+
+
 class ShardWorker:
     """Simulates, renders and writes whole shards. Run as a Ray actor, usable without Ray.
 
@@ -54,8 +65,8 @@ class ShardWorker:
         self._writer: StoreWriter | None = None
         self._solves = 0
 
-    def run(self, task: ShardTask) -> Iterator[SimulationDone]:
-        """Do one shard; yields after each simulation, the last time after the shard is stored.
+    def run(self, task: ShardTask) -> Iterator[SimulationDone | ShardSolved]:
+        """Do one shard; yields after each simulation, the last time after the shard is stored, and before it is.
 
         Raises:
             InputError: no space or no permission.
@@ -71,6 +82,7 @@ class ShardWorker:
             self._solves += 1
             stored = len(parts) == len(numbers)
             if stored:
+                yield ShardSolved(task.shard)  # a store that makes it wait is no simulation's fault
                 writer.write_shard(task.shard, ShardRows.concatenate(parts))
             yield SimulationDone(number, status, self._solves, os.getpid(), resident_bytes(), stored)
 

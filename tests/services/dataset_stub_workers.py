@@ -11,7 +11,7 @@ from pathlib import Path
 from renderer.store import RowStatus
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.shard import ShardTask
-from services.dataset.worker import SimulationDone
+from services.dataset.worker import ShardSolved, SimulationDone
 from simcore.errors import InputError
 
 
@@ -23,7 +23,7 @@ class ObedientWorker:
         self.configuration = configuration
         self.solves = 0
 
-    def run(self, task: ShardTask) -> Iterator[SimulationDone]:
+    def run(self, task: ShardTask) -> Iterator[SimulationDone | ShardSolved]:
         """One word a simulation, as :class:`services.dataset.worker.ShardWorker`."""
         numbers = self.configuration.layout.shard_simulations(task.shard)
         statuses = []
@@ -58,7 +58,7 @@ class DyingWorker(ObedientWorker):
 class DyingTogetherWorker(ObedientWorker):
     """Solves shards ahead; simulation 4 kills the process, always, and the shard of simulation 10 does so twice."""
 
-    def run(self, task: ShardTask) -> Iterator[SimulationDone]:
+    def run(self, task: ShardTask) -> Iterator[SimulationDone | ShardSolved]:
         """Die, or go on as the others."""
         numbers = self.configuration.layout.shard_simulations(task.shard)
         tries = self.folder / "tries"
@@ -84,6 +84,37 @@ class HangingWorker(ObedientWorker):
         """Hang or go on."""
         if number == 7:
             time.sleep(3600)
+
+
+class SlowStoreWorker(ObedientWorker):
+    """The store of the third shard keeps it waiting, or kills it once, when all of it is simulated."""
+
+    seconds = 15.0
+
+    def run(self, task: ShardTask) -> Iterator[SimulationDone | ShardSolved]:
+        """As the others, with a word before storing."""
+        for word in super().run(task):
+            if isinstance(word, SimulationDone) and word.stored:
+                yield ShardSolved(task.shard)
+                if task.shard == 2:
+                    self.store()
+            yield word
+
+    def store(self) -> None:
+        """Wait."""
+        time.sleep(self.seconds)
+
+
+class DyingStoreWorker(SlowStoreWorker):
+    """Storing the third shard kills the process, three times."""
+
+    def store(self) -> None:
+        """Die or go on."""
+        tries = self.folder / "stored-tries"
+        if not tries.exists() or tries.stat().st_size < 3:
+            with tries.open("a") as file:
+                file.write(".")
+            os.kill(os.getpid(), signal.SIGKILL)
 
 
 class FullDiskWorker(ObedientWorker):

@@ -17,12 +17,14 @@ from services.dataset.worker import SimulationDone
 from simcore.errors import InputError
 from tests.services.dataset_helpers import SHARDS, small_sweep
 from tests.services.dataset_stub_workers import (
+    DyingStoreWorker,
     DyingTogetherWorker,
     DyingWorker,
     FaultyWorker,
     FullDiskWorker,
     HangingWorker,
     ObedientWorker,
+    SlowStoreWorker,
 )
 
 pytestmark = pytest.mark.ray
@@ -76,6 +78,13 @@ def test_workers_that_die_solving_a_shard_together_are_charged_to_the_simulation
 def test_a_hung_simulation_is_ended_and_told(tmp_path: Path) -> None:
     dispatch(tmp_path, HangingWorker, silence_factor=1.0, compile_allowance_s=20.0)
     assert shards(tmp_path)[2] == "ok timed_out ok" and len(shards(tmp_path)) == SHARDS
+
+
+@pytest.mark.parametrize("worker", [SlowStoreWorker, DyingStoreWorker])
+def test_a_store_that_is_slow_or_kills_is_no_simulations_fault(tmp_path: Path, worker: type) -> None:
+    """Fifteen seconds are more than a simulation may be silent for."""
+    dispatch(tmp_path, worker, silence_factor=0.1, compile_allowance_s=0.0)
+    assert shards(tmp_path) == dict.fromkeys(range(6), "ok ok ok") | {6: "ok ok"}
 
 
 def test_a_full_disk_ends_the_sweep_with_its_own_line(tmp_path: Path) -> None:
