@@ -60,7 +60,7 @@ def create_key(
     Raises:
         InputError: no name, or a lifetime that is not positive.
     """
-    if not 1 <= len(name) <= 80:
+    if not 1 <= len(name) <= 80 or not _is_text(name):
         raise InputError("a key needs a name of 1 to 80 characters that says who uses it", code="key_name")
     if expires_after_days is not None and not 0 < expires_after_days <= 36500:
         raise InputError("a key's lifetime is a positive number of days", code="key_lifetime")
@@ -72,6 +72,11 @@ def create_key(
     session.add(key)
     session.flush()
     return NewKey(key.id, name, f"dm_{prefix}_{secret}", tuple(scopes), expires_at)
+
+
+def _is_text(name: str) -> bool:
+    """A shell may hand over bytes that are no characters."""
+    return not any("\ud800" <= character <= "\udfff" for character in name)
 
 
 def list_keys(session: Session) -> list[KeyInfo]:

@@ -42,13 +42,14 @@ def run_server(settings: Settings, on_listening: Callable[[str], None] | None = 
         timeout_graceful_shutdown=SHUTDOWN_S,
         timeout_keep_alive=30,
     )
-    server = uvicorn.Server(config)
+    server = _Server(config, workers)
 
     def leave(_signal: int, _frame: FrameType | None) -> None:
         server.should_exit = True
-        workers.ask_to_end()  # at once: whoever stops us may not wait until requests and then jobs have ended
+        workers.ask_to_end()
 
-    # uvicorn raises the signal again once it has ended; with the default handlers we would end before our workers.
+    # While it serves uvicorn has handlers of its own, see below. It raises the signal again once it has ended; with the
+    # default handlers we would end before our workers.
     signal.signal(signal.SIGTERM, leave)
     signal.signal(signal.SIGINT, leave)
     workers.start()
@@ -60,6 +61,19 @@ def run_server(settings: Settings, on_listening: Callable[[str], None] | None = 
     finally:
         listener.close()
         workers.close()
+
+
+class _Server(uvicorn.Server):
+    """Tells the workers of a signal at once: whoever stops us may not wait until requests and then jobs have ended."""
+
+    def __init__(self, config: uvicorn.Config, workers: WorkerProcesses) -> None:
+        super().__init__(config)
+        self._workers = workers
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """See :class:`uvicorn.Server`."""
+        self._workers.ask_to_end()
+        super().handle_exit(sig, frame)
 
 
 def open_listener(host: str, port: int) -> socket.socket:

@@ -64,7 +64,7 @@ def serve(
 
         _prepare_database(settings)
         if as_json:
-            console.emit_json({"workers": settings.workers})
+            console.emit_json({"workers": max(1, settings.workers)})
         run_workers(settings)
     else:
         from services.api.server import run_server

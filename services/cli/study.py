@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from collections.abc import Callable
 from contextlib import suppress
@@ -203,6 +204,7 @@ def export(
 
     if out.suffix not in {".csv", ".json"}:
         raise InputError(f"{out}: give a file that ends in .csv or .json", code="export_form")
+    from renderer.atomic import write_atomically
     from services.cli.outputs import check_file, make_folder
 
     check_file(out)
@@ -211,13 +213,14 @@ def export(
             {**console.to_plain({**vars(row), "answered_at": row.answered_at.isoformat()})} for row in store.export()
         ]
     make_folder(out.absolute().parent, "name a place that can be written to")
-    with out.open("w", encoding="utf-8", newline="") as stream:
-        if out.suffix == ".json":
-            json.dump(rows, stream, ensure_ascii=False, indent=1)
-        else:
-            writer = csv.DictWriter(stream, [f.name for f in fields(ExportedAnswer)])
-            writer.writeheader()
-            writer.writerows(rows)
+    stream = io.StringIO(newline="")
+    if out.suffix == ".json":
+        json.dump(rows, stream, ensure_ascii=False, indent=1)
+    else:
+        writer = csv.DictWriter(stream, [f.name for f in fields(ExportedAnswer)])
+        writer.writeheader()
+        writer.writerows(rows)
+    write_atomically(out, stream.getvalue().encode())
     if json_output:
         console.emit_json({"study": study, "answers": len(rows), "out": out})
     else:

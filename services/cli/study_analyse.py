@@ -90,7 +90,9 @@ def analyse(
     if out is not None:
         import json
 
-        (out / "analysis.json").write_text(json.dumps(console.to_plain(document), indent=1), encoding="utf-8")
+        from renderer.atomic import write_atomically
+
+        write_atomically(out / "analysis.json", json.dumps(console.to_plain(document), indent=1).encode())
     if json_output:
         console.emit_json(document)
     else:

@@ -141,8 +141,9 @@ def _parameter_rows(
 
 def _write(out: Path, document: dict[str, Any], scores: Sequence[BackendScore]) -> None:
     from metric.figures import share_figure
+    from renderer.atomic import write_atomically
 
-    (out / "comparison.json").write_text(json.dumps(console.to_plain(document), indent=1), encoding="utf-8")
+    write_atomically(out / "comparison.json", json.dumps(console.to_plain(document), indent=1).encode())
     share_figure(out / "shares.png", {score.name: score.by_simulations for score in scores})
 
 

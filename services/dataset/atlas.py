@@ -12,7 +12,6 @@ from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Cost
 from services.dataset.cluster import ray_cluster
 from services.dataset.spread import spread
-from simcore.errors import SimulationError
 
 
 def solver_on_ray(address: str | None, workers: int | None) -> PartSolver:
@@ -35,18 +34,9 @@ def solver_on_ray(address: str | None, workers: int | None) -> PartSolver:
 
 
 def _keep(parts: Sequence[AtlasPart], cache: DrapeCache, cores: int) -> Iterator[Cost]:
-    import ray
-
-    try:
-        for files, cost in spread(_solve_apart, parts, cores):
-            cache.take(files)
-            yield cost
-    except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError, ray.exceptions.NodeDiedError) as error:
-        raise SimulationError(
-            f"a part of the atlas cannot be solved, its worker dies each time ({type(error).__name__}): the machine "
-            "may be out of memory; try fewer workers or a coarser mesh. What is solved is kept",
-            code="worker_died",
-        ) from None
+    for files, cost in spread(_solve_apart, parts, cores):
+        cache.take(files)
+        yield cost
 
 
 def _solve_apart(part: AtlasPart) -> tuple[dict[str, bytes], Cost]:

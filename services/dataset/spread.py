@@ -6,11 +6,15 @@ import pickle
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
+from simcore.errors import SimulationError
+
 Given = TypeVar("Given")
 Made = TypeVar("Made")
 
 WINDOW_PER_CORE = 2
 """Tasks under way for each core of the cluster: enough to keep it busy, few enough to hold in memory."""
+DEATHS = ("WorkerCrashedError", "OutOfMemoryError", "NodeDiedError")
+"""Of Ray: a task's worker died, and so did those that began it again."""
 RETRIES = 3
 """So often a task is begun again whose worker or node died."""
 
@@ -24,7 +28,8 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
         cores: of the cluster.
 
     Raises:
-        Exception: whatever ``work`` raised, or Ray where workers die again and again; tasks under way are called off.
+        Exception: whatever ``work`` raised; tasks under way are called off.
+        SimulationError: workers die again and again.
     """
     import ray
 
@@ -39,6 +44,14 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
                 pending.append(remote.remote(pickle.dumps((work, waiting.pop()))))
             done, pending = ray.wait(pending, num_returns=1)
             yield from (pickle.loads(parcel) for parcel in ray.get(done))
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause from None  # with its code and without the worker's traceback
+    except tuple(getattr(ray.exceptions, name) for name in DEATHS) as error:
+        raise SimulationError(
+            f"work on the cluster cannot be done, its worker dies each time ({type(error).__name__}): the machine may "
+            "be out of memory; try fewer workers or a coarser mesh. What is done and kept in a cache stays",
+            code="worker_died",
+        ) from None
     finally:
         for task in pending:
             ray.cancel(task)

@@ -15,7 +15,7 @@ class Fabric(Base):
     """A fabric with its seven parameters (SI) and where it comes from in a product-lifecycle system."""
 
     __tablename__ = "fabrics"
-    __table_args__ = (UniqueConstraint("plm_system", "plm_id", "plm_revision"),)
+    __table_args__ = (UniqueConstraint("plm_system", "plm_id", "plm_revision"), {"sqlite_autoincrement": True})
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     id: Mapped[str] = mapped_column(String(48), unique=True, default=lambda: new_id("fab"))

@@ -17,6 +17,7 @@ def ray_runner(address: str) -> Callable[[Sequence[DrapeRequest]], Iterator[Requ
     """
 
     def run(requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
+
         from metric.draping import run_request
         from services.dataset.cluster import ray_cluster
         from services.dataset.spread import spread

@@ -132,3 +132,8 @@ class FaultyWorker(ObedientWorker):
     def simulate(self, number: int) -> None:
         """Fail."""
         raise KeyError("a fault of the program")
+
+
+def refuse(item: int) -> int:
+    """A piece of work that cannot be done."""
+    raise InputError(f"{item} is refused", code="refused_here")

@@ -113,6 +113,19 @@ def test_pages_hold_every_fabric_once_also_while_some_are_added(library: httpx.C
     assert set(made) <= set(seen)
 
 
+def test_a_page_shows_what_was_added_after_others_were_deleted(library: httpx.Client) -> None:
+    made = [add(library, f"deleted {n}").json()["id"] for n in range(3)]
+    cursor, last = None, ""
+    while last != made[1]:  # a page that ends with the last but one
+        params = {"limit": 1} if cursor is None else {"limit": 1, "cursor": cursor}
+        page = library.get("/v1/fabrics", params=params).json()
+        cursor, last = page["next_cursor"], page["items"][-1]["id"]
+    for fabric in made[1:]:
+        assert library.delete(f"/v1/fabrics/{fabric}").status_code == 204
+    new = add(library, "new").json()["id"]
+    assert new in [f["id"] for f in library.get("/v1/fabrics", params={"limit": 100, "cursor": cursor}).json()["items"]]
+
+
 @pytest.mark.parametrize(
     "change",
     [

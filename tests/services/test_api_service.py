@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import pytest
+import uvicorn
 
+from services.api.server import _Server
 from tests.services.served import QUICK, SOFT, STIFF, Served, drapemeter, finished
 
 pytestmark = pytest.mark.timeout(400)
@@ -91,3 +95,12 @@ def test_a_taken_port_is_told_in_one_line(served: Served, tmp_path: Path) -> Non
     assert refused.returncode == 2
     assert f"cannot listen at 127.0.0.1 port {port}" in refused.stderr
     assert refused.stderr.strip().splitlines()[-1].startswith("error:")
+
+
+def test_workers_are_told_of_a_signal_while_requests_are_open() -> None:
+    """The server itself waits for these."""
+    asked: list[str] = []
+    workers = SimpleNamespace(ask_to_end=lambda: asked.append("to end"))
+    server = _Server(uvicorn.Config("no:app"), workers)  # type: ignore[arg-type]
+    server.handle_exit(signal.SIGTERM, None)
+    assert asked == ["to end"] and server.should_exit and not server.force_exit

@@ -13,6 +13,7 @@ from services.dataset.cluster import ray_cluster
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.dispatch import Dispatcher, DispatchOptions
 from services.dataset.solver_kind import SolverKind
+from services.dataset.spread import spread
 from services.dataset.worker import SimulationDone
 from simcore.errors import InputError
 from tests.services.dataset_helpers import SHARDS, small_sweep
@@ -25,6 +26,7 @@ from tests.services.dataset_stub_workers import (
     HangingWorker,
     ObedientWorker,
     SlowStoreWorker,
+    refuse,
 )
 
 pytestmark = pytest.mark.ray
@@ -97,6 +99,13 @@ def test_a_full_disk_ends_the_sweep_with_its_own_line(tmp_path: Path) -> None:
 def test_a_fault_of_the_program_is_told_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(KeyError, match="a fault of the program"):
         dispatch(tmp_path, FaultyWorker)
+
+
+def test_what_a_piece_of_work_says_is_told_with_its_code() -> None:
+    """And without the traceback of another process."""
+    with pytest.raises(InputError, match=r"^1 is refused$") as raised:
+        list(spread(refuse, [1], 2))
+    assert raised.value.code == "refused_here"
 
 
 def test_the_driver_and_rays_client_server_need_no_taichi() -> None:

@@ -30,6 +30,14 @@ def prefix(token: str) -> str:
     return "_".join(token.split("_", 2)[:2])
 
 
+@pytest.mark.parametrize("name", ["", "x" * 81, "caf\udce9"])
+def test_a_key_has_a_name_of_characters(database: Database, name: str) -> None:
+    """What a terminal of another encoding hands over is none."""
+    with database.write() as session, pytest.raises(InputError) as caught:
+        create_key(session, name, (ApiScope.FABRICS_READ,))
+    assert caught.value.code == "key_name"
+
+
 def test_a_key_is_found_by_its_token_only(database: Database) -> None:
     with database.write() as session:
         key = create_key(session, "plm", (ApiScope.FABRICS_READ,))
