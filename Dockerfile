@@ -8,8 +8,11 @@ ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 RUN python -m venv /opt/drapemeter
 WORKDIR /src
-COPY requirements.txt ./
-RUN /opt/drapemeter/bin/pip install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} --requirement requirements.txt "setuptools>=77"
+COPY requirements.txt requirements-dev.txt ./
+# boto3 and what it needs: Ray's cluster launcher starts machines with it (deploy/ray-cluster.yaml)
+RUN grep --extended-regexp '^(boto3|botocore|jmespath|s3transfer)==' requirements-dev.txt > launcher.txt \
+    && /opt/drapemeter/bin/pip install ${TORCH_INDEX:+--extra-index-url "$TORCH_INDEX"} \
+    --requirement requirements.txt --requirement launcher.txt "setuptools>=77"
 COPY pyproject.toml README.md LICENSE ./
 COPY simcore simcore
 COPY renderer renderer
@@ -27,6 +30,8 @@ RUN system-packages && apt-get install --yes --no-install-recommends rsync wget 
     && useradd --uid 10001 --create-home --home-dir /var/lib/drapemeter drapemeter \
     && install --directory --owner drapemeter --group drapemeter /var/lib/drapemeter/cache
 COPY --from=build /opt/drapemeter /opt/drapemeter
+# a login shell, as Ray's cluster launcher uses, forgets PATH
+RUN ln --symbolic /opt/drapemeter/bin/drapemeter /opt/drapemeter/bin/ray /opt/drapemeter/bin/python /usr/local/sbin/
 ENV PATH=/opt/drapemeter/bin:$PATH PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 RAY_USAGE_STATS_ENABLED=0
 USER 10001
 WORKDIR /var/lib/drapemeter

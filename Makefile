@@ -3,8 +3,9 @@ SHELL := bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
 
-VENV ?= .venv
-OUT ?= demo-out
+# On the command line, not from the environment: `clean` removes them, and others use these names, too.
+VENV := .venv
+OUT := demo-out
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PACKAGES := simcore renderer capture metric trainer diagnosis services
@@ -22,7 +23,7 @@ $(READY): requirements.txt requirements-dev.txt pyproject.toml scripts/setup.sh 
 	@touch $@
 
 demo: $(READY) ## the whole chain, small, into demo-out/ (OUT=folder)
-	@$(BIN)/drapemeter demo --out $(OUT)
+	@$(BIN)/drapemeter demo --out "$(OUT)"
 
 test: $(READY) ## the test suite, in two halves side by side (ARGS="tests/simcore -k bending" for a part)
 	@$(if $(ARGS),$(BIN)/python -m pytest $(ARGS),scripts/test.sh $(BIN)/python) \
@@ -54,5 +55,5 @@ lock: $(READY) ## write the requirements files from what is installed
 	@$(BIN)/python scripts/lock.py
 
 clean: ## remove what the recipes made, the environment too
-	@rm -rf $(VENV) $(OUT) out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
+	@rm -rf "$(VENV)" "$(OUT)" out build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -5,7 +5,7 @@ set -uo pipefail
 cd "$(dirname "$0")/.."
 python=$1
 log=$(mktemp)
-trap 'kill "$computing" 2>/dev/null; rm -f "$log"' EXIT
+trap 'kill -INT "$computing" 2>/dev/null; wait "$computing" 2>/dev/null; rm -f "$log"' EXIT
 trap 'exit 130' INT TERM
 
 # Of the services, what needs no cluster; the demonstration starts one, and two do not go side by side.
@@ -19,7 +19,11 @@ for room in tests/*/; do
 done
 
 echo "tests/services on this screen; all other tests, those of its interface too, beside it, shown when both are done"
-"$python" -m pytest "${others[@]}" -p no:cacheprovider >"$log" 2>&1 &
+# A job in the background ignores Ctrl-C unless it is told not to: its servers and clusters would outlive it.
+listening='import signal, sys, pytest
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.exit(pytest.main(sys.argv[1:]))'
+"$python" -c "$listening" "${others[@]}" -p no:cacheprovider >"$log" 2>&1 &
 computing=$!
 "$python" -m pytest tests/services "${alone[@]/#/--ignore=}"
 services=$?

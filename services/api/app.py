@@ -9,6 +9,7 @@ from fastapi import APIRouter, FastAPI
 from starlette.routing import Route
 
 from services.api.body_limit import PLAIN_BODY_BYTES, BodyLimit
+from services.api.head import HeadAsGet
 from services.api.inference import Inference
 from services.api.key_first import KeyFirst
 from services.api.metrics import Metrics
@@ -70,5 +71,6 @@ def create_app(settings: Settings) -> FastAPI:
     install_openapi(app)
     app.add_middleware(KeyFirst, state=app.state.service)
     app.add_middleware(BodyLimit, limit=settings.max_request_bytes, plain_limit=PLAIN_BODY_BYTES)
+    app.add_middleware(HeadAsGet)
     app.add_middleware(RequestRecord, metrics=metrics)
     return app

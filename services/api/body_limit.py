@@ -32,7 +32,8 @@ class BodyLimit:
         headers = Headers(scope=scope)
         uploads = headers.get("content-type", "").lower().startswith("multipart/")
         limit = self._limit if uploads else self._plain_limit
-        detail = f"the request is longer than {limit} bytes: send {'fewer or smaller pictures' if uploads else 'less'}"
+        instead = "fewer or smaller pictures" if uploads else "less, or files as a form"
+        detail = f"the request is longer than {limit} bytes: send {instead}"
         announced = headers.get("content-length", "0")
         if announced.isdigit() and int(announced) > limit:
             response = problem_response(413, "request_too_large", detail, scope["path"])

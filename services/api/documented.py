@@ -14,10 +14,12 @@ MEANINGS: dict[int, str] = {
     409: "In conflict with what is there",
     412: "Changed meanwhile",
     413: "Request too large",
+    415: "Neither JSON nor a form, whichever is wanted",
     422: "Bad input; `code` says which",
     429: "Too many jobs are waiting",
     503: "Not now; `Retry-After` says when",
 }
+ETAG = {"ETag": {"description": "The version, for `If-Match` and `If-None-Match`", "schema": {"type": "string"}}}
 Responses = dict[int | str, dict[str, Any]]
 
 

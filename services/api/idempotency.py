@@ -34,8 +34,9 @@ IdempotencyKey = Annotated[
         min_length=1,
         max_length=200,
         pattern=PRINTABLE,
-        description="Any text unique to this request, such as a UUID. The same key with the same content gives the "
-        "first answer again, with other content 422 `idempotency_key_reused`. Remembered for a day.",
+        description="Any printable text without spaces, unique to this request, such as a UUID. The same key with the "
+        "same content gives the first answer again, with other content 422 `idempotency_key_reused`. Remembered for a "
+        "day.",
         examples=["5f0c2f1e-6a55-4b6e-9d0e-0d6f4f7c1f11"],
     ),
 ]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import quote
 
 import structlog
 from fastapi import FastAPI, Request
@@ -31,6 +33,7 @@ CODES: dict[int, str] = {
     422: "validation_failed",
 }
 """Codes of errors that the framework raises by itself."""
+JSON_TYPE = re.compile(r"application/([a-z0-9.-]+\+)?json")
 MISSING_RETRY_S = "60"
 """Something that the server should have is not there: somebody has to mend that first."""
 
@@ -85,7 +88,7 @@ def problem_body(
         status=status,
         code=code,
         detail=detail,
-        instance=instance,
+        instance=quote(instance),
         request_id=request_id(),
         errors=list(errors) if errors else None,
     )
@@ -132,7 +135,8 @@ def _allowed(request: Request) -> list[str]:
     """All methods of a path; the framework knows those of the first route only."""
     routes: Sequence[Route] = request.app.state.api_routes
     path = next((route.path for route in routes if route.matches(request.scope)[0] is not Match.NONE), None)
-    return sorted({method for route in routes if route.path == path for method in route.methods or ()})
+    methods = {method for route in routes if route.path == path for method in route.methods or ()}
+    return sorted(methods | {"HEAD"} if "GET" in methods else methods)
 
 
 async def _on_validation_error(request: Request, error: Exception) -> JSONResponse:
@@ -142,6 +146,10 @@ async def _on_validation_error(request: Request, error: Exception) -> JSONRespon
         FieldError(pointer="/".join(str(part) for part in e["loc"]), code=str(e["type"]), detail=str(e["msg"]))
         for e in error.errors()
     ]
+    sent = request.headers.get("content-type", "").split(";")[0].strip().lower()
+    if [field.pointer for field in fields] == ["body"] and not JSON_TYPE.fullmatch(sent):
+        detail = f"the body is {sent or 'of no stated kind'}: send JSON, with Content-Type: application/json"
+        return problem_response(415, "media_type_unsupported", detail, request.url.path)
     first = fields[0] if fields else FieldError(pointer="body", code="invalid", detail="the request is not valid")
     more = f" (and {len(fields) - 1} more)" if len(fields) > 1 else ""
     detail = f"{first.pointer}: {first.detail}{more}"

@@ -46,8 +46,10 @@ def prepare_folder(out: Path) -> None:
                     f"{out} is not empty and holds no earlier demonstration: give --out another folder",
                     code="folder_not_empty",
                 )
-            shutil.rmtree(out)
+            for path in out.iterdir():  # all but the mark: when this is interrupted, the folder is still known
+                if path.name != MARKER:
+                    path.unlink() if path.is_symlink() or not path.is_dir() else shutil.rmtree(path)
         out.mkdir(parents=True, exist_ok=True)
         (out / MARKER).write_text("{}\n", encoding="utf-8")
     except OSError as error:
-        raise InputError(f"cannot make the folder {out}: {error.strerror}", code="cannot_write") from None
+        raise InputError(f"cannot make the folder {out}: {error.strerror or error}", code="cannot_write") from None

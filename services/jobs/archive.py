@@ -10,6 +10,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -17,6 +18,7 @@ from simcore.errors import InputError
 
 CAPTURES_FILE = "captures.json"
 MOST_ENTRIES = 5000
+UTF8_FLAG = 0x800
 MOST_CONTENTS_BYTES = 320 * MOST_ENTRIES
 END_RECORD, END_BYTES = b"PK\5\6", 22
 END_RECORD_64, END_BYTES_64, END_LOCATOR_64 = b"PK\6\6", 56, b"PK\6\7"
@@ -153,6 +155,8 @@ def _contents_bytes(content: bytes) -> int:
 
 def _entries(archive: zipfile.ZipFile, limits: ArchiveLimits) -> list[_Entry]:
     infos = [info for info in archive.infolist() if not info.filename.endswith("/")]
+    for info in infos:
+        info.filename = _as_written(info)
     if len(infos) > MOST_ENTRIES:
         raise InputError(
             f"the archive has {len(infos)} files: at most {MOST_ENTRIES} are taken", code="archive_too_large"
@@ -173,6 +177,15 @@ def _entries(archive: zipfile.ZipFile, limits: ArchiveLimits) -> list[_Entry]:
     if any(entry.name in folders for entry in entries):
         raise InputError("the archive has a file and a folder of the same name", code="archive_unsafe")
     return entries
+
+
+def _as_written(info: zipfile.ZipInfo) -> str:
+    """A file's name: `zip` of Debian and others write UTF-8 without saying so, and it is read as an old code page."""
+    if info.flag_bits & UTF8_FLAG:
+        return info.filename
+    with suppress(UnicodeError):
+        return info.filename.encode("cp437").decode("utf-8")
+    return info.filename
 
 
 def _refuse_unsafe(info: zipfile.ZipInfo) -> None:

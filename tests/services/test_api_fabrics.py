@@ -113,6 +113,16 @@ def test_pages_hold_every_fabric_once_also_while_some_are_added(library: httpx.C
     assert set(made) <= set(seen)
 
 
+def test_fabrics_are_found_by_any_part_of_their_reference(library: httpx.Client) -> None:
+    ref = {"system": "centric", "id": "F-77", "revision": "A"}
+    ids = [add(library, r, plm_ref={**ref, "revision": r}).json()["id"] for r in "AB"]
+    for params, found in (
+        ({"plm_system": "centric", "plm_id": "F-77"}, ids),
+        ({"plm_system": "centric", "plm_id": "F-77", "plm_revision": "B"}, ids[1:]),
+    ):
+        assert [f["id"] for f in library.get("/v1/fabrics", params=params).json()["items"]] == found
+
+
 def test_a_page_shows_what_was_added_after_others_were_deleted(library: httpx.Client) -> None:
     made = [add(library, f"deleted {n}").json()["id"] for n in range(3)]
     cursor, last = None, ""

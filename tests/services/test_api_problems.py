@@ -95,6 +95,37 @@ def test_a_misspelt_field_of_a_form_is_not_passed_over(client: httpx.Client, pat
     assert ", ".join(files) in wrong["detail"]
 
 
+@pytest.mark.parametrize(
+    ("path", "kind", "wanted"),
+    [
+        ("/v1/fabrics", "application/x-www-form-urlencoded", "application/json"),
+        ("/v1/fabrics", "text/plain", "application/json"),
+        ("/v1/diagnoses", "application/zip", "multipart/form-data"),
+        ("/v1/estimates", "application/json", "multipart/form-data"),
+    ],
+)
+def test_a_body_of_another_kind_is_told_what_is_wanted(client: httpx.Client, path: str, kind: str, wanted: str) -> None:
+    answer = client.post(path, content=b'{"name": "a"}', headers={"content-type": kind})
+    assert (answer.status_code, problem(answer)["code"]) == (415, "media_type_unsupported")
+    assert kind in answer.json()["detail"] and wanted in answer.json()["detail"]
+
+
+def test_a_misspelt_filter_does_not_list_everything(client: httpx.Client) -> None:
+    answer = client.get("/v1/fabrics", params={"plmSystem": "windchill"})
+    assert answer.status_code == 422 and problem(answer)["errors"][0]["pointer"] == "query/plmSystem"
+
+
+@pytest.mark.parametrize("path", ["/healthz", "/v1/fabrics", "/v1/jobs/job_unknown", "/openapi.json"])
+def test_head_is_get_without_its_body(client: httpx.Client, path: str) -> None:
+    asked, whole = client.head(path), client.get(path)
+    assert (asked.status_code, asked.content) == (whole.status_code, b"")
+    assert asked.headers["content-type"] == whole.headers["content-type"]
+
+
+def test_the_instance_of_a_problem_is_a_reference(client: httpx.Client) -> None:
+    assert problem(client.get("/v1/fabrics/f%C3%BC%20x"))["instance"] == "/v1/fabrics/f%C3%BC%20x"
+
+
 def test_numbers_that_json_does_not_have_are_refused(client: httpx.Client) -> None:
     text = '{"a": {"density": NaN}, "b": {"density": Infinity}}'
     answer = client.post("/v1/drape-distances", content=text, headers={"content-type": "application/json"})

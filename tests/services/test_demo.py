@@ -52,6 +52,11 @@ def test_an_earlier_demonstration_is_replaced_and_other_folders_are_not(tmp_path
     prepare_folder(out)
     assert [path.name for path in out.iterdir()] == [MARKER]
 
+    (tmp_path / "link").symlink_to(out)
+    (out / "report").mkdir()
+    prepare_folder(tmp_path / "link")
+    assert (tmp_path / "link").is_symlink() and [path.name for path in out.iterdir()] == [MARKER]
+
     other = tmp_path / "thesis"
     other.mkdir()
     (other / "chapter.tex").write_text("mine")

@@ -57,6 +57,23 @@ def test_a_picture_of_any_name_is_unpacked_if_it_is_named(tmp_path: Path) -> Non
     assert read_captures_json(content, LIMITS) == "{}"
 
 
+@pytest.mark.parametrize("name", ["Köper_Größe-hanging-0.png", "絹-stretch-1.png"])
+def test_names_in_utf8_that_do_not_say_so_are_read_as_such(name: str, tmp_path: Path) -> None:
+    """As Debian's `zip` writes them; others say which they are."""
+    said = archive([("captures.json", b"{}"), (name, b"a")])
+    unsaid = bytearray(said)
+    for mark, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        at = unsaid.find(mark)
+        while at >= 0:
+            unsaid[at + flags + 1] &= ~0x08 & 0xFF
+            at = unsaid.find(mark, at + 1)
+    for number, content in enumerate((said, bytes(unsaid))):
+        assert name in names_in(content, LIMITS)
+        (tmp_path / str(number)).mkdir()
+        unpack(content, tmp_path / str(number), LIMITS)
+        assert (tmp_path / str(number) / name).read_bytes() == b"a"
+
+
 def link(name: str) -> zipfile.ZipInfo:
     info = zipfile.ZipInfo(name)
     info.external_attr = (stat.S_IFLNK | 0o777) << 16

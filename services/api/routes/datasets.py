@@ -23,7 +23,7 @@ router = APIRouter(prefix="/v1/datasets", tags=["datasets"])
     "",
     status_code=202,
     response_model=JobView,
-    responses={**accepted("Queued"), **problems(429)},
+    responses={**accepted("Queued"), **problems(413, 415, 429)},
     summary="Sweep fabrics into a store",
 )
 def create_dataset(

@@ -31,7 +31,7 @@ router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
     "",
     status_code=202,
     response_model=JobView,
-    responses={**accepted("Queued"), **problems(413, 429)},
+    responses={**accepted("Queued"), **problems(413, 415, 429)},
     dependencies=[Depends(known_fields_only)],
     summary="Diagnose a capture set",
 )

@@ -23,7 +23,7 @@ router = APIRouter(prefix="/v1/drape-distances", tags=["drape distance"])
     "",
     status_code=202,
     response_model=JobView,
-    responses={**accepted("Queued"), **problems(429)},
+    responses={**accepted("Queued"), **problems(413, 415, 429)},
     summary="Compare two fabrics",
 )
 def create_drape_distance(

@@ -61,7 +61,7 @@ NO_PICTURES: list[UploadFile] = []
 @router.post(
     "",
     response_model=EstimateView,
-    responses=problems(413, 503),
+    responses=problems(413, 415, 503),
     dependencies=[Depends(known_fields_only)],
     summary="Estimate a fabric's mechanics",
 )

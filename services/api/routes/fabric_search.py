@@ -26,7 +26,7 @@ router = APIRouter(prefix="/v1/fabrics/search", tags=["fabrics"])
     "",
     status_code=202,
     response_model=JobView,
-    responses={**accepted("Queued"), **problems(404, 429)},
+    responses={**accepted("Queued"), **problems(404, 413, 415, 429)},
     summary="Search by drape",
 )
 def create_fabric_search(

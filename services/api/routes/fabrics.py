@@ -11,7 +11,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from services.api.auth import Caller, require
-from services.api.documented import problems
+from services.api.documented import ETAG, problems
 from services.api.fabric_views import (
     FabricInput,
     FabricPage,
@@ -24,6 +24,7 @@ from services.api.fabric_views import (
     same_plm_ref,
     view_fabric,
 )
+from services.api.forms import known_parameters_only
 from services.api.idempotency import Answer, IdempotencyKey, Once, fingerprint
 from services.api.paging import Cursor, Limit, decode_cursor, encode_cursor
 from services.api.problems import ProblemError
@@ -50,7 +51,7 @@ IfMatch = Annotated[
     "",
     status_code=201,
     response_model=FabricView,
-    responses={201: {"headers": {"Location": {"schema": {"type": "string"}}}}, **problems(409)},
+    responses={201: {"headers": {"Location": {"schema": {"type": "string"}}, **ETAG}}, **problems(409, 413, 415)},
     summary="Add a fabric",
 )
 def create_fabric(
@@ -79,7 +80,7 @@ def create_fabric(
         raise plm_ref_taken(fabric.plm_ref) from None  # somebody added the same at the same moment
 
 
-@router.get("", responses=problems(), summary="List fabrics")
+@router.get("", responses=problems(), dependencies=[Depends(known_parameters_only)], summary="List fabrics")
 def list_fabrics(
     state: State,
     caller: Reader,
@@ -87,6 +88,7 @@ def list_fabrics(
     cursor: Cursor = None,
     plm_system: Annotated[str | None, Query(max_length=80, pattern=NO_NUL)] = None,
     plm_id: Annotated[str | None, Query(max_length=200, pattern=NO_NUL)] = None,
+    plm_revision: Annotated[str | None, Query(max_length=80, pattern=NO_NUL)] = None,
 ) -> FabricPage:
     """Oldest first; scope `fabrics:read`. Follow `next_cursor` until it is null."""
     wanted = select(Fabric).where(Fabric.number > decode_cursor(cursor)).order_by(Fabric.number).limit(limit + 1)
@@ -94,6 +96,8 @@ def list_fabrics(
         wanted = wanted.where(Fabric.plm_system == plm_system)
     if plm_id is not None:
         wanted = wanted.where(Fabric.plm_id == plm_id)
+    if plm_revision is not None:
+        wanted = wanted.where(Fabric.plm_revision == plm_revision)
     with state.database.read() as session:
         rows = session.scalars(wanted).all()
     page = rows[:limit]
@@ -105,7 +109,11 @@ def list_fabrics(
 @router.get(
     "/{fabric_id}",
     response_model=FabricView,
-    responses={304: {"description": "Not changed since `If-None-Match`"}, **problems(404)},
+    responses={
+        200: {"headers": ETAG},
+        304: {"description": "Not changed since `If-None-Match`", "headers": ETAG},
+        **problems(404),
+    },
     summary="A fabric",
 )
 def get_fabric(
@@ -122,11 +130,19 @@ def get_fabric(
     return JSONResponse(view_fabric(row).model_dump(mode="json"), headers={"ETag": etag(row)})
 
 
-@router.put("/{fabric_id}", response_model=FabricView, responses=problems(404, 409, 412), summary="Change a fabric")
+@router.put(
+    "/{fabric_id}",
+    response_model=FabricView,
+    responses={200: {"headers": ETAG}, **problems(404, 409, 412, 413, 415)},
+    summary="Replace a fabric",
+)
 def replace_fabric(
     fabric_id: FabricId, fabric: FabricInput, state: State, caller: Writer, if_match: IfMatch = None
 ) -> JSONResponse:
-    """Scope `fabrics:write`. With `If-Match`, only the version that is meant is changed; else 412."""
+    """The whole of it: what is left out is gone. Scope `fabrics:write`.
+
+    With `If-Match`, only the version that is meant is changed; else 412.
+    """
     try:
         with state.database.write() as session:
             row = _find(session, fabric_id, if_match)

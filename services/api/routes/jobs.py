@@ -55,7 +55,12 @@ def cancel_job(job_id: JobId, state: State, caller: Asking) -> JSONResponse:
     "/{job_id}/files/{name}",
     response_class=Response,
     responses={
-        200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}},
+        200: {
+            "content": {
+                kind: {"schema": {"type": "string", "format": "binary"}}
+                for kind in ("application/octet-stream", "text/html", "image/png")
+            }
+        },
         **problems(404),
     },
     summary="A file that a job left",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field
@@ -113,6 +114,7 @@ def run(task: Task, report: Report) -> TaskOutput:
         address=task.resources.ray_address,
         listen=lambda _word: advance(),
     )
+    place = store if "://" in store else str(Path(store).absolute())  # whoever reads it stands in another folder
     return TaskOutput(
-        {"store": store, "samples": summary.samples, "failed": summary.failed, "seconds": summary.seconds}
+        {"store": place, "samples": summary.samples, "failed": summary.failed, "seconds": summary.seconds}
     )
