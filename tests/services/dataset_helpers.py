@@ -12,7 +12,7 @@ from services.dataset.configuration import SweepConfiguration
 from services.dataset.fabrics import FabricTable, plan_sweep
 from services.dataset.shard import ShardTask
 from services.dataset.sweep import prepare_store
-from services.dataset.worker import ShardWorker
+from services.dataset.worker import ShardWorker, SimulationDone
 
 Place = TypeVar("Place", Path, str)
 PROGRAM = [sys.executable, "-c", "from services.cli.main import main; main()"]
@@ -46,6 +46,11 @@ def work_off(url: str, configuration: SweepConfiguration, fabrics: FabricTable, 
     for shard in shards:
         materials = [layout.address(number)[0] for number in layout.shard_simulations(shard)]
         list(worker.run(ShardTask(shard, fabrics.parameters(materials), {})))
+
+
+def told(worker: ShardWorker, task: ShardTask) -> list[SimulationDone]:
+    """What a worker says of the simulations of one shard."""
+    return [word for word in worker.run(task) if isinstance(word, SimulationDone)]
 
 
 def files(folder: Path) -> dict[str, bytes]:

@@ -133,8 +133,10 @@ def test_unusable_fields_are_named_by_code(client: httpx.Client, fields: dict[st
 
 
 def test_a_picture_is_needed(client: httpx.Client) -> None:
-    answer = client.post("/v1/estimates", data={"density": "0.2"}, files={"other": ("x.png", b"")})
+    answer = client.post("/v1/estimates", data={"density": "0.2"})
     assert answer.json()["code"] == "no_captures"
+    answer = client.post("/v1/estimates", data={"density": "0.2"}, files={"other": ("x.png", b"")})
+    assert answer.json()["errors"][0]["pointer"] == "body/other"
 
 
 def test_another_camera_must_be_described(client: httpx.Client) -> None:

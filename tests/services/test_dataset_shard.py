@@ -25,7 +25,7 @@ from simcore.errors import InputError, SimulationError
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.scenes import Setup
 from simcore.solver import Solver
-from tests.services.dataset_helpers import small_sweep, write_without_ray
+from tests.services.dataset_helpers import small_sweep, told, write_without_ray
 
 CONFIGURATION, FABRICS = small_sweep()
 FABRIC = FABRICS.parameters([0])[0]
@@ -123,7 +123,7 @@ def test_a_worker_does_not_grow_and_its_pictures_are_small(tmp_path: Path) -> No
     store = str(tmp_path / "s.zarr")
     worker = ShardWorker(store, configuration)
     shards = prepare_store(store, configuration, resume=False)
-    words = [word for n in shards for word in worker.run(ShardTask(n, fabrics.parameters([n // 2]), {}))]
+    words = [word for n in shards for word in told(worker, ShardTask(n, fabrics.parameters([n // 2]), {}))]
     assert len(words) == 40
     assert max(word.rss_bytes for word in words[30:]) - words[10].rss_bytes < 8e6
     assert inspect_store(Store.open(store)).float32_ratio > 5

@@ -17,7 +17,7 @@ from services.dataset.solver_kind import SolverKind
 from services.dataset.sweep import prepare_store
 from services.dataset.validation import validate_store
 from services.dataset.worker import ShardWorker
-from tests.services.dataset_helpers import assert_same_store, small_sweep, write_without_ray
+from tests.services.dataset_helpers import assert_same_store, small_sweep, told, write_without_ray
 
 SMALL = {"materials": 2, "simulations_per_shard": 3}
 
@@ -44,7 +44,7 @@ def test_one_by_one_they_are_solved_too(tmp_path: Path) -> None:
     configuration, fabrics = small_sweep(solver="batch", materials=1, simulations_per_shard=2)
     place = str(tmp_path / "s.zarr")
     prepare_store(place, configuration, resume=False)
-    words = list(ShardWorker(place, configuration).run(ShardTask(0, fabrics.parameters([0, 0]), {}, one_by_one=True)))
+    words = told(ShardWorker(place, configuration), ShardTask(0, fabrics.parameters([0, 0]), {}, one_by_one=True))
     assert [word.status for word in words] == [RowStatus.OK, RowStatus.OK]
     assert validate_store(Store.open(place)).valid
 
@@ -54,7 +54,7 @@ def test_a_simulation_given_up_is_not_solved_ahead(tmp_path: Path) -> None:
     place = str(tmp_path / "s.zarr")
     prepare_store(place, configuration, resume=False)
     task = ShardTask(0, fabrics.parameters([0, 0]), {0: (RowStatus.CRASHED, "it killed three workers")})
-    words = list(ShardWorker(place, configuration).run(task))
+    words = told(ShardWorker(place, configuration), task)
     assert [word.status for word in words] == [RowStatus.CRASHED, RowStatus.OK]
 
 

@@ -32,12 +32,12 @@ router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
     status_code=202,
     response_model=JobView,
     responses={**accepted("Queued"), **problems(413, 415, 429)},
-    dependencies=[Depends(known_fields_only)],
     summary="Diagnose a capture set",
 )
 async def create_diagnosis(
     state: Annotated[ServiceState, Depends(get_state)],
     caller: Annotated[Caller, Depends(require(ApiScope.DIAGNOSES_WRITE))],
+    _form: Annotated[None, Depends(known_fields_only)],  # behind the caller: who may not ask is told that
     capture_set: Annotated[UploadFile, File(description="ZIP of `captures.json` and its PNG files.")],
     effects: Annotated[str, Form(max_length=2000, description="Try only these, comma-separated.")] = "",
     without: Annotated[str, Form(max_length=2000, description="Leave these effects out, comma-separated.")] = "",

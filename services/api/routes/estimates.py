@@ -62,12 +62,12 @@ NO_PICTURES: list[UploadFile] = []
     "",
     response_model=EstimateView,
     responses=problems(413, 415, 503),
-    dependencies=[Depends(known_fields_only)],
     summary="Estimate a fabric's mechanics",
 )
 async def create_estimate(
     state: Annotated[ServiceState, Depends(get_state)],
     caller: Annotated[Caller, Depends(require(ApiScope.ESTIMATES_WRITE))],
+    _form: Annotated[None, Depends(known_fields_only)],  # behind the caller: who may not ask is told that
     density: Annotated[
         float, Form(ge=LOW_DENSITY, le=HIGH_DENSITY, allow_inf_nan=False, description="[kg/m²]", examples=[0.2])
     ],

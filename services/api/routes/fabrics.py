@@ -80,10 +80,11 @@ def create_fabric(
         raise plm_ref_taken(fabric.plm_ref) from None  # somebody added the same at the same moment
 
 
-@router.get("", responses=problems(), dependencies=[Depends(known_parameters_only)], summary="List fabrics")
+@router.get("", responses=problems(), summary="List fabrics")
 def list_fabrics(
     state: State,
     caller: Reader,
+    _query: Annotated[None, Depends(known_parameters_only)],
     limit: Limit = 50,
     cursor: Cursor = None,
     plm_system: Annotated[str | None, Query(max_length=80, pattern=NO_NUL)] = None,
