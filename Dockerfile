@@ -30,8 +30,8 @@ RUN system-packages && apt-get install --yes --no-install-recommends rsync wget 
     && useradd --uid 10001 --create-home --home-dir /var/lib/drapemeter drapemeter \
     && install --directory --owner drapemeter --group drapemeter /var/lib/drapemeter/cache
 COPY --from=build /opt/drapemeter /opt/drapemeter
-# a login shell, as Ray's cluster launcher uses, forgets PATH
-RUN ln --symbolic /opt/drapemeter/bin/drapemeter /opt/drapemeter/bin/ray /opt/drapemeter/bin/python /usr/local/sbin/
+# a login shell, as Ray's cluster launcher uses, forgets PATH; of a user who is not root it has no sbin
+RUN ln --symbolic /opt/drapemeter/bin/drapemeter /opt/drapemeter/bin/ray /usr/local/bin/
 ENV PATH=/opt/drapemeter/bin:$PATH PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1 RAY_USAGE_STATS_ENABLED=0
 USER 10001
 WORKDIR /var/lib/drapemeter

@@ -125,13 +125,8 @@ def search_library(
 
     wants_exact = len(library) <= EXACT_UP_TO if exact is None else exact
     if wants_exact or not isinstance(backend, SquaredEuclideanBackend):
-        own = simulate([0])[0]
-        ranking: list[RankedFabric] = []
-        for start in range(1, len(fabrics), _FABRICS_AT_A_TIME):
-            found_sets = simulate(range(start, min(start + _FABRICS_AT_A_TIME, len(fabrics))))
-            ranking += _compared(library, own, found_sets, backend, cache)
-        pictures = {scene: thumbnail(sets[0]) for scene, sets in own.items()}
-        return SearchResult(sorted(ranking, key=lambda r: r.distance), pictures, _failures(library, failed))
+        ranking, pictures = _rank_exactly(library, simulate, backend, cache)
+        return SearchResult(ranking, pictures, _failures(library, failed))
     sketched = Sketched(backend)
     store = descriptors if descriptors is not None else DescriptorStore()
     keys = [descriptor_key(f, first, plan, sketched) for f, first in zip(fabrics, firsts, strict=True)]
@@ -146,8 +141,8 @@ def search_library(
         _call(on_done)
     ranked = [k for k in range(len(library)) if k + 1 not in failed]
     descriptors_found = [found[keys[k + 1]] for k in ranked]
-    ordered = rank_descriptors([library[k] for k in ranked], found[keys[0]], descriptors_found, sketched)
-    return SearchResult(ordered, found[keys[0]].pictures, _failures(library, failed))
+    ranking = rank_descriptors([library[k] for k in ranked], found[keys[0]], descriptors_found, sketched)
+    return SearchResult(ranking, found[keys[0]].pictures, _failures(library, failed))
 
 
 def rank_descriptors(
@@ -163,20 +158,27 @@ def rank_descriptors(
     ]
 
 
-def _compared(
+def _rank_exactly(
     library: Sequence[LibraryFabric],
-    reference: dict[Scene, list[DrapeRender]],
-    simulated: dict[int, dict[Scene, list[DrapeRender]]],
+    simulate: Callable[[Sequence[int]], dict[int, dict[Scene, list[DrapeRender]]]],
     backend: Backend,
     cache: FeatureCache,
-) -> list[RankedFabric]:
-    """Some of the library's fabrics, by place from 1, with their distances by full features, in its order."""
-    found = []
-    for place, drapes in simulated.items():
-        result = drape_distance(reference, drapes, backend, cache=cache)
-        pictures = {scene: thumbnail(sets[0]) for scene, sets in drapes.items()}
-        found.append(RankedFabric(library[place - 1].id, result.distance, result.standard_error, pictures))
-    return found
+) -> tuple[list[RankedFabric], dict[Scene, NDArray[np.uint8]]]:
+    """By full features, a part of the library at a time: the ranking, and the reference's pictures.
+
+    Args:
+        library: where to look.
+        simulate: renders by number: 0 is the reference, the library's fabrics follow; those that failed are left out.
+        backend, cache: as for :func:`search_library`.
+    """
+    reference, found = simulate([0])[0], []
+    for start in range(1, len(library) + 1, _FABRICS_AT_A_TIME):
+        chosen = range(start, min(start + _FABRICS_AT_A_TIME, len(library) + 1))
+        for number, drapes in simulate(chosen).items():
+            result = drape_distance(reference, drapes, backend, cache=cache)
+            pictures = {scene: thumbnail(sets[0]) for scene, sets in drapes.items()}
+            found.append(RankedFabric(library[number - 1].id, result.distance, result.standard_error, pictures))
+    return sorted(found, key=lambda r: r.distance), {scene: thumbnail(sets[0]) for scene, sets in reference.items()}
 
 
 def _failures(library: Sequence[LibraryFabric], failed: dict[int, str]) -> list[FailedFabric]:

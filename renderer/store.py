@@ -186,7 +186,7 @@ class Store:
         with read_errors(self.url):
             return np.asarray(self.array("depth")[rows.start : rows.stop])
 
-    def rows_counts(self, samples: Sequence[int] | NDArray[np.integer[Any]]) -> NDArray[np.uint16]:
+    def depth_counts_of(self, samples: Sequence[int] | NDArray[np.integer[Any]]) -> NDArray[np.uint16]:
         """Depth pictures of a few samples, read one by one, 0.1 mm counts, uint16, shape [samples, height, width]."""
         with read_errors(self.url):
             depth = self.array("depth")

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from renderer.atomic import NO_ROOM
 from renderer.store_format import SCHEMA
 from simcore.errors import DrapemeterError, InputError, StoreError
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from zarr.abc.store import Store as ZarrStore
 
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EROFS)
-_NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 ATTRIBUTES: Mapping[str, type] = MappingProxyType(
     {"configuration": Mapping, "layout": Mapping, "seed": int, "software_version": str}
 )
@@ -192,7 +192,7 @@ def lost_attributes(attributes: Mapping[str, Any]) -> list[str]:
 
 
 def _from_os_error(url: str | Path, error: OSError) -> DrapemeterError:
-    if error.errno in _NO_SPACE:
+    if error.errno in NO_ROOM:
         return InputError(
             f"{url}: no space is left; free some and finish the store with --resume", code="store_no_space"
         )

@@ -227,6 +227,17 @@ def test_the_image_runs_without_root(repository: Path) -> None:
     assert set(PACKAGES) <= copied
 
 
+def test_what_the_image_copies_is_sent_to_its_build(repository: Path) -> None:
+    """`.dockerignore` lets nothing through but what it names."""
+    let_through = {
+        line[1:] for line in (repository / ".dockerignore").read_text(encoding="utf-8").splitlines() if line[:1] == "!"
+    }
+    lines = (repository / "Dockerfile").read_text(encoding="utf-8").splitlines()
+    copies = [line.split()[1:-1] for line in lines if line.startswith("COPY ") and "--from=" not in line]
+    copied = {word for words in copies for word in words}
+    assert "requirements.txt" in copied and copied <= let_through
+
+
 def links(text: str) -> Iterator[str]:
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if not re.match(r"[a-z]+:", target) and not target.startswith("#"):

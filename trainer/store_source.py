@@ -82,7 +82,7 @@ class StoreSource:
         store = self.store
         span = store.rows(int(rows[0]) // store.layout.rows_per_shard)
         if len(rows) < _SPARSE * len(span):
-            counts = store.rows_counts(rows)
+            counts = store.depth_counts_of(rows)
         else:
             counts = store.depth_counts(int(rows[0]) // store.layout.rows_per_shard)[rows - span.start]
         blank = np.flatnonzero(~counts.reshape(len(counts), -1).any(axis=1))

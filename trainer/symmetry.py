@@ -19,5 +19,10 @@ def as_symmetric(config: TrainConfig, provenance: Mapping[str, Any]) -> TrainCon
         config: as asked for.
         provenance: what the store says of itself (:meth:`trainer.store_source.StoreSource.provenance`).
     """
-    extended = (provenance.get("configuration") or {}).get("simulator")
+    extended = _is_extended(provenance.get("configuration") or {})
     return replace(config, mirror=0.0) if extended and config.mirror else config
+
+
+def _is_extended(configuration: Mapping[str, Any]) -> bool:
+    """A sweep's simulator has effects, or that of one of the stores it was merged from."""
+    return bool(configuration.get("simulator")) or any(map(_is_extended, configuration.get("merged", ())))

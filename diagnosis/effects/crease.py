@@ -11,7 +11,7 @@ from diagnosis.scene import SimulationScene
 from simcore.mechanics import Crease
 
 POSITIONS = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8)
-"""Lines that are tried, either way: what one a twentieth of the sample farther on does is still told by them."""
+"""Lines that are tried, either way; one between two of them is found at one of them, or is unknown."""
 MIDDLE = 6.0
 """How much more probable a fold in the middle is than one at any other line: half of all."""
 

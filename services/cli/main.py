@@ -17,6 +17,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
+from renderer.atomic import NO_ROOM
 from services.cli import console
 from simcore.errors import DrapemeterError, InputError
 
@@ -127,7 +128,7 @@ def run(arguments: Sequence[str]) -> int:
             if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
                 console.error_line(f"{error.filename}: {error.strerror}; give a shorter path", "path_too_long")
                 return EXIT_BAD_INPUT
-            if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            if isinstance(error, OSError) and error.errno in NO_ROOM:
                 place = error.filename or "what the command makes"
                 console.error_line(
                     f"cannot write {place}: {error.strerror}; make room, or name another place", "cannot_write"

@@ -197,5 +197,7 @@ def test_an_extended_simulators_pictures_are_not_mirrored() -> None:
     config = TrainConfig(mirror=0.5)
     extended = {"configuration": {"simulator": [{"name": "pin_drop", "magnitude": 0.01}]}}
     assert as_symmetric(config, extended).mirror == 0.0
+    merged = {"configuration": {"merged": [{"simulator": []}, extended["configuration"]]}}
+    assert as_symmetric(config, merged).mirror == 0.0
     for plain in ({}, {"configuration": None}, {"configuration": {"simulator": []}}):
         assert as_symmetric(config, plain) is config
