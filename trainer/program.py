@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from renderer.atomic import NO_ROOM
 from simcore.errors import DrapemeterError, InputError
 
 
@@ -26,13 +27,14 @@ def make_results_folder(folder: Path) -> None:
 def told_in_one_line() -> Iterator[None]:
     """End the program as `drapemeter` does: one line on standard error, exit status 2 for bad input, else 1.
 
-    A file that cannot be written for want of room, or read any more, is a failure.
+    A full disk is told so, too; any other failure of reading or writing is nobody's foresight and shows where it is.
     """
     try:
         yield
     except OSError as error:
-        place = error.filename or "what the program writes"
-        said = f"{place}: {error.strerror or error}; make room, or name another place"
+        if error.errno not in NO_ROOM:
+            raise
+        said = f"{error.filename or 'what the program writes'}: {error.strerror}; make room, or name another place"
         sys.stderr.write(f"error: {said} [cannot_write]\n")
         raise SystemExit(1) from None
     except DrapemeterError as error:

@@ -88,3 +88,8 @@ def test_a_full_disk_is_told_in_one_line(capsys: pytest.CaptureFixture[str]) -> 
     assert ended.value.code == 1
     said = capsys.readouterr().err
     assert said.startswith("error: out/saliency.npz: ") and said.endswith("[cannot_write]\n") and said.count("\n") == 1
+
+
+def test_another_failure_of_reading_is_not_taken_for_a_full_disk() -> None:
+    with pytest.raises(FileNotFoundError), program.told_in_one_line():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), "captures.json")
