@@ -31,8 +31,13 @@ class Light:
     albedo: float = 0.9
 
     def __post_init__(self) -> None:
-        if min(self.direct, self.ambient, self.albedo) < 0.0 or self.albedo * (self.direct + self.ambient) > 1.0:
-            raise InputError("light is negative or bright enough to saturate white cloth", code="light")
+        least, most = min(self.direct, self.ambient, self.albedo), self.albedo * (self.direct + self.ambient)
+        if not (least >= 0.0 and most <= 1.0 and math.isfinite(self.azimuth_deg + self.elevation_deg)):
+            raise InputError(
+                "light is negative, from nowhere or bright enough to saturate white cloth: give finite angles, shares "
+                "of 0 or more, and albedo (direct + ambient) of at most 1",
+                code="light",
+            )
 
     @property
     def towards(self) -> NDArray[np.float64]:

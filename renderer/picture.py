@@ -35,7 +35,7 @@ def depth_to_grey(depth: ArrayLike, near_m: float | None = None, far_m: float | 
         return np.zeros(z.shape, dtype=np.uint8)
     near = float(np.percentile(z[seen], 0.5)) if near_m is None else near_m
     far = float(np.percentile(z[seen], 99.5)) if far_m is None else far_m
-    if near_m is not None and far_m is not None and near >= far:
+    if near_m is not None and far_m is not None and not near < far:
         raise InputError(f"near {near} m must be before far {far} m", code="depth_range")
     share = np.clip((far - z) / max(far - near, 1e-6), 0.0, 1.0)
     return np.where(seen, np.rint(32.0 + 223.0 * share), 0.0).astype(np.uint8)
@@ -95,7 +95,9 @@ def write_png(path: Path | str, picture: Grey) -> None:
     from PIL import Image
 
     if picture.dtype != np.uint8 or picture.ndim not in (2, 3):
-        raise InputError(f"a picture must be uint8 [H, W] or [H, W, 3], got {picture.dtype}", code="picture")
+        raise InputError(
+            f"a picture must be uint8 [H, W] or [H, W, 3], got {picture.dtype} {list(picture.shape)}", code="picture"
+        )
     content = io.BytesIO()
     Image.fromarray(picture).save(content, format="PNG")
     write_atomically(path, content.getvalue())

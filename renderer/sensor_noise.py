@@ -25,7 +25,11 @@ def scale_depth(depth: Depth, fraction: float) -> Depth:
 
 def bias_depth(depth: Depth, offset_m: float) -> Depth:
     """Every depth plus ``offset_m`` [m]; readings that fall to 0 or below are lost."""
-    _check(abs(offset_m), MAX_DEPTH_M, "depth bias", "m")
+    if not abs(offset_m) <= MAX_DEPTH_M:
+        raise InputError(
+            f"depth bias {offset_m} m must be from {-MAX_DEPTH_M:g} to {MAX_DEPTH_M:g} (0 = none)",
+            code="sensor_depth_bias",
+        )
     moved = np.where(depth > 0, depth.astype(np.float64) + offset_m, 0.0)
     return np.maximum(moved, 0.0).astype(np.float32)
 
@@ -81,6 +85,6 @@ def smooth_depth(depth: Depth, sigma_px: float) -> Depth:
 def _check(value: float, highest: float, name: str, unit: str, *, above_zero: bool = False) -> None:
     if not math.isfinite(value) or value < 0.0 or value > highest or (above_zero and value == 0.0):
         raise InputError(
-            f"{name} {value} {unit} must be {'above' if above_zero else 'from'} 0 and at most {highest:g}",
+            f"{name} {value} {unit} must be {'above 0 and at most' if above_zero else 'from 0 to'} {highest:g}",
             code=f"sensor_{name.split(chr(39))[0].replace(' ', '_')}",
         )

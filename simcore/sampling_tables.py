@@ -41,13 +41,22 @@ def log_grid(ranges: Mapping[str, tuple[float, float]], count: int) -> NDArray[n
 
     Returns:
         Fabric parameters, float64, shape [at most count, 7], last parameter fastest.
+
+    Raises:
+        InputError: fewer than one point asked for, or none of them admissible.
     """
     axes = [
         np.exp(np.log(ranges[name][0]) + (np.arange(n) + 0.5) / n * np.log(ranges[name][1] / ranges[name][0]))
         for name, n in zip(PARAMETER_NAMES, grid_levels(count), strict=True)
     ]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    return np.asarray(grid[is_admissible(grid)], dtype=np.float64)
+    grid = grid[is_admissible(grid)]
+    if not len(grid):
+        raise InputError(
+            "no fabric of the grid has bendings that a plate can have: widen the ranges, or give the fabrics as a list",
+            code="ranges_empty",
+        )
+    return np.asarray(grid, dtype=np.float64)
 
 
 def read_fabric_list(path: str | Path) -> list[FabricParameters]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from trainer.train import Progress
 
 
 class TensorBoardLog:
-    """Writes progress and final scores as TensorBoard events.
+    """Writes progress and final scores as TensorBoard events; a training that cannot begin leaves no folder.
 
     Args:
         folder: of the event files.
@@ -21,10 +22,14 @@ class TensorBoardLog:
     def __init__(self, folder: str | Path, then: Callable[[Progress], None] | None = None) -> None:
         from torch.utils import tensorboard
 
-        make_writer: Any = tensorboard.SummaryWriter  # torch does not annotate it
-        self._writer = make_writer(str(folder))
+        self._make_writer: Any = tensorboard.SummaryWriter  # torch does not annotate it
+        self._folder = str(folder)
         self._then = then
         self._step = 0
+
+    @cached_property
+    def _writer(self) -> Any:
+        return self._make_writer(self._folder)
 
     def report(self, progress: Progress) -> None:
         """One step."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
+from warnings import catch_warnings
 
 import numpy as np
 
@@ -124,12 +125,17 @@ def _in_colour(image: Image.Image) -> Image.Image:
 def _photograph(path: Path) -> bytes:
     from PIL import Image, ImageOps, UnidentifiedImageError
 
+    too_large = InputError(f"{path}: more than 100 megapixels; scale it down", code="photograph_too_large")
     try:
-        with Image.open(path) as image:
+        with catch_warnings(action="ignore", category=Image.DecompressionBombWarning):  # the limit is our own
+            image = Image.open(path)
+        with image:
             if image.width * image.height > _MOST_PIXELS:
-                raise InputError(f"{path}: more than 100 megapixels; scale it down", code="photograph_too_large")
+                raise too_large
             upright = _in_colour(ImageOps.exif_transpose(image))
-    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError) as error:
+    except Image.DecompressionBombError:
+        raise too_large from None
+    except (UnidentifiedImageError, OSError, SyntaxError) as error:
         raise InputError(f"{path}: not a usable picture ({error})", code="photograph_unreadable") from None
     upright.thumbnail((LARGEST_SIDE, LARGEST_SIDE))
     clean = Image.new("RGB", upright.size)

@@ -104,6 +104,10 @@ def test_the_schema_is_one_document(capsys: Captured) -> None:
         (["import", "nowhere", "--fabric", "a", "--scene", "draping", "--out", "x"], "scene_unknown"),
         (["import", ".", "--fabric", "a", "--scene", "hanging", "--out", "x"], "camera_needed"),
         (["import", "a", "--fabric", "a", "--scene", "hanging", "--sample-size", "90", "--out", "x"], "sample_size"),
+        (
+            ["import", __file__, "--fabric", "a", "--scene", "hanging", "--camera", "c", "--out", "x"],
+            "camera_not_needed",
+        ),
         (["check"], "usage"),
     ],
 )

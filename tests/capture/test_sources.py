@@ -188,6 +188,44 @@ def test_a_missing_driver_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch
     assert caught.value.code == "realsense_missing"
 
 
+class SilentDriver(SimpleNamespace):
+    """A test's driver: a camera that opens and never sends a frame."""
+
+    def __init__(self) -> None:
+        super().__init__(stream=SimpleNamespace(depth="depth"), format=SimpleNamespace(z16="z16"), stopped=0)
+        lens = intrinsics("distortion.none", [0.0] * 5)
+        stream = SimpleNamespace(as_video_stream_profile=lambda: SimpleNamespace(get_intrinsics=lambda: lens))
+        sensor = SimpleNamespace(get_depth_scale=lambda: 1e-4)
+        device = SimpleNamespace(first_depth_sensor=lambda: sensor)
+        self.profile = SimpleNamespace(get_stream=lambda kind: stream, get_device=lambda: device)
+
+    def config(self) -> SimpleNamespace:
+        return SimpleNamespace(enable_stream=lambda *mode: None, enable_device=lambda serial: None)
+
+    def pipeline(self) -> SimpleNamespace:
+        return SimpleNamespace(
+            start=lambda config: self.profile,
+            try_wait_for_frames=lambda patience_ms: (False, None),
+            stop=lambda: setattr(self, "stopped", self.stopped + 1),
+        )
+
+
+def test_a_camera_that_sends_nothing_is_told_and_adds_no_capture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = SilentDriver()
+    monkeypatch.setattr("capture.realsense.import_realsense", lambda: driver)
+    for serial, name in ((None, "camera"), ("0815", "camera 0815")):
+        with (
+            pytest.raises(MissingResourceError, match=f"^{name} sends no frames: check its USB 3 cable") as caught,
+            RealSenseSource(serial=serial) as source,
+        ):
+            record_capture(source, tmp_path / "set", NEW, frames=3)
+        assert caught.value.code == "camera_silent"
+    assert driver.stopped == 2
+    assert not list(tmp_path.rglob("*.png")) and not list(tmp_path.rglob("captures.json"))
+
+
 def test_a_recording_of_the_drivers_own_is_replayed_whole(tmp_path: Path) -> None:
     """The driver's software device writes a real recording, which is then played frame by frame."""
     driver = pytest.importorskip("pyrealsense2")

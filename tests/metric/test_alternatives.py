@@ -103,9 +103,11 @@ def test_features_of_any_network(make_render: MakeRender) -> None:
     a, b = make_render(2.0), make_render(2.0, 0.0, 0.06)
     x, y = (v / np.linalg.norm(v) for v in extract([a, b]))
     assert distance(backend, a, b) == pytest.approx(float(np.linalg.norm(x - y)), abs=1e-6)
-    broken = FeatureDistance("trunk", lambda renders: [np.full(3, np.nan, np.float32) for _ in renders], "v1")
-    with pytest.raises(InputError, match="no usable features"):
-        broken.features([a])
+    for value in (np.nan, np.inf, 0.0):
+        broken = FeatureDistance("trunk", lambda renders, value=value: [np.full(3, value, np.float32)], "v1")  # type: ignore[misc]
+        with pytest.raises(InputError, match="trunk: the network gave no usable features") as caught:
+            broken.features([a])
+        assert caught.value.code == "features_not_finite"
 
 
 def fabric(**changes: float) -> FabricParameters:
@@ -134,8 +136,10 @@ def test_parameter_distance_counts_standard_deviations() -> None:
 
 
 def test_parameter_distance_needs_a_population() -> None:
-    with pytest.raises(InputError, match="two"):
+    with pytest.raises(InputError, match="at least two fabrics") as caught:
         ParameterDistance.of_population([fabric()])
-    with pytest.raises(InputError, match="varies"):
+    assert caught.value.code == "population_too_small"
+    with pytest.raises(InputError, match="every parameter varies") as caught:
         ParameterDistance.of_population([fabric(), fabric(density=0.3)])
+    assert caught.value.code == "population_constant"
     assert ParameterDistance.of_prior().spread.shape == (7,)

@@ -119,12 +119,15 @@ def test_self_distance_leaves_the_diagonal_out(make_render: MakeRender) -> None:
 
 def test_nothing_to_compare(make_render: MakeRender) -> None:
     a = sets(make_render, 2.0, 1)
-    with pytest.raises(InputError, match="at least 1"):
+    with pytest.raises(InputError, match=r"at least 1 .*simulate more") as caught:
         drape_distance(a, {Scene.HANGING: []}, CountingBackend())
-    with pytest.raises(InputError, match="different scenes"):
+    assert caught.value.code == "renders_too_few"
+    with pytest.raises(InputError, match=r"different scenes \(hanging, stretch and hanging\)") as caught:
         drape_distance(a, {Scene.HANGING: a[Scene.HANGING]}, CountingBackend())
-    with pytest.raises(InputError, match="at least 2"):
+    assert caught.value.code == "scenes_differ"
+    with pytest.raises(InputError, match="at least 2") as caught:
         drape_distance(a, None, CountingBackend())
+    assert caught.value.code == "renders_too_few"
 
 
 def test_depth_rmse_is_the_plain_formula(make_render: MakeRender) -> None:

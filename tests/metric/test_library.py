@@ -48,6 +48,7 @@ def test_csv(tmp_path: Path) -> None:
         ("l.json", '"x"', "list_form"),
         ("l.json", json.dumps([VALUES]), "library_id_missing"),
         ("l.json", json.dumps([{"id": "a", **VALUES}] * 2), "library_id_twice"),
+        ("l.json", json.dumps([{"id": "a\ud800", **VALUES}]), "library_id"),
         ("l.json", f'{{"a": {json.dumps(VALUES)}, "a": {json.dumps(VALUES)}}}', "file_key_twice"),
         ("l.json", json.dumps([{"id": "a", **VALUES, "density": -1}]), "parameter_out_of_range"),
         ("l.json", json.dumps([{"id": "a", "density": 0.2}]), "parameter_missing"),

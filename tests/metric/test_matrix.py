@@ -72,12 +72,17 @@ def test_one_scene_alone() -> None:
 
 
 def test_uneven_sets_are_refused(make_render: MakeRender) -> None:
-    with pytest.raises(InputError, match="equally many"):
-        pair_tables([render_sets(make_render, 2.0, 2), render_sets(make_render, 3.0, 3)], Psnr())
-    with pytest.raises(InputError, match="two fabrics"):
-        pair_tables([render_sets(make_render, 2.0, 2)], Psnr())
-    with pytest.raises(InputError, match="two simulations"):
+    two = render_sets(make_render, 2.0, 2)
+    for other in (render_sets(make_render, 3.0, 3), {Scene.HANGING: two[Scene.HANGING]}):
+        with pytest.raises(InputError, match="equally many renders in the same scenes") as caught:
+            pair_tables([two, other], Psnr())
+        assert caught.value.code == "renders_uneven"
+    with pytest.raises(InputError, match="two fabrics") as caught:
+        pair_tables([two], Psnr())
+    assert caught.value.code == "fabrics_too_few"
+    with pytest.raises(InputError, match="two simulations") as caught:
         pair_tables([render_sets(make_render, f, 1) for f in (2.0, 3.0)], Psnr()).matrix()
+    assert caught.value.code == "renders_too_few"
 
 
 def test_sketches_keep_squared_distances() -> None:

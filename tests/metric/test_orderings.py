@@ -29,8 +29,9 @@ def test_sweeps_stay_among_real_fabrics_and_change_one_property() -> None:
         changing = [n for n, column in zip(sweep.fabrics[0].as_dict(), values.T, strict=True) if np.ptp(column) > 0]
         assert tuple(changing) == SWEPT[sweep.name]
         assert (np.diff(values[:, np.ptp(values, axis=0) > 0], axis=0) > 0).all()
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="at least 3 steps, got 2") as caught:
         default_sweeps(2)
+    assert caught.value.code == "sweep_too_short"
 
 
 def test_monotone_share_of_a_line_of_chance_and_of_the_reverse() -> None:

@@ -51,12 +51,15 @@ def test_pictures_of_one_render_have_one_size() -> None:
 
 
 def test_an_empty_render() -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="a shaded or a depth picture") as caught:
         DrapeRender()
+    assert caught.value.code == "render_empty"
 
 
 def test_a_render_without_the_needed_picture() -> None:
-    with pytest.raises(InputError, match="lpips"):
+    with pytest.raises(InputError, match="--backend lpips") as caught:
         DrapeRender(shaded=PICTURE).need_depth()
-    with pytest.raises(InputError, match="depth"):
+    assert caught.value.code == "render_lacks_depth"
+    with pytest.raises(InputError, match="--backend depth") as caught:
         DrapeRender(depth=DEPTH).need_shaded()
+    assert caught.value.code == "render_lacks_shaded"

@@ -108,11 +108,13 @@ def test_fabrics_that_cannot_be_simulated_are_named(
     assert [f.id for f in found.failed] == ["s1"]
     assert "2 of 6 simulations did not come to rest" in found.failed[0].reason
     bad.update(entry.parameters for entry in entries)
-    with pytest.raises(SimulationError, match="every fabric"):
+    with pytest.raises(SimulationError, match=r"every fabric.*try another --seed") as caught:
         search_library(fabric(2.0), entries, pixels, PLAN, runner=runner, exact=exact)
+    assert caught.value.code == "simulation_not_still"
     bad = {fabric(2.0)}
-    with pytest.raises(SimulationError, match="the reference"):
+    with pytest.raises(SimulationError, match=r"the reference.*try another --seed") as caught:
         search_library(fabric(2.0), entries, pixels, PLAN, runner=runner, exact=exact)
+    assert caught.value.code == "simulation_not_still"
 
 
 def test_descriptors_survive_on_disk_and_damage_is_a_miss(tmp_path: Path) -> None:
@@ -158,12 +160,13 @@ def test_uneven_descriptors_are_refused(pixels: SquaredEuclideanBackend) -> None
     one = FabricDescriptor({Scene.HANGING: np.zeros((2, 8), np.float32)}, {})
     other = FabricDescriptor({Scene.HANGING: np.zeros((3, 8), np.float32)}, {})
     backend = Sketched(pixels, 8)
-    with pytest.raises(InputError):
-        FabricIndex(backend, [one, other])
-    with pytest.raises(InputError):
-        FabricIndex(backend, [])
-    with pytest.raises(InputError, match="other scenes"):
+    for descriptors in ([one, other], []):
+        with pytest.raises(InputError, match="at least one fabric, and equally many renders") as caught:
+            FabricIndex(backend, descriptors)
+        assert caught.value.code == "index_uneven"
+    with pytest.raises(InputError, match="other scenes") as caught:
         FabricIndex(backend, [one]).query(FabricDescriptor({Scene.STRETCH: np.zeros((2, 8), np.float32)}, {}))
+    assert caught.value.code == "scenes_differ"
 
 
 def test_thumbnails_are_half_size(make_render: MakeRender) -> None:

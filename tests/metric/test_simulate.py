@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,8 +111,9 @@ def test_what_does_not_come_to_rest_is_tried_again_and_reported(still_at: int, m
     solver = FailingSolver(GridMesh(0.025), still_at)
     monkeypatch.setattr(draping, "_solver", lambda _: solver)
     if still_at == 99:
-        with pytest.raises(SimulationError, match=r"4 of 4 simulations.*time limit.*--seed"):
+        with pytest.raises(SimulationError, match=r"4 of 4 simulations.*time limit.*--seed") as caught:
             simulate_fabrics([MEDIUM], PLAN)
+        assert caught.value.code == "simulation_not_still"
         (kept,) = simulate_fabrics([MEDIUM], PLAN, keep_failures=True)
         assert "time limit" in kept.failure
         return
@@ -177,10 +179,21 @@ def test_a_runner_gets_each_simulation_once() -> None:
     assert [f.fabric for f in found] == [MEDIUM, STIFF, MEDIUM]
 
 
-@pytest.mark.parametrize("changes", [{"simulations": 0}, {"simulations": 10**6}, {"seed": -1}, {"workers": -1}])
-def test_unusable_plans(changes: dict[str, int]) -> None:
-    with pytest.raises(InputError):
-        SimulationPlan(**changes)  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("changes", "code", "told"),
+    [
+        ({"simulations": 0}, "simulations_out_of_range", "got 0: the paper takes 5"),
+        ({"simulations": 10**6}, "simulations_out_of_range", "got 1000000"),
+        ({"seed": -1}, "seed_out_of_range", "not be negative, got -1"),
+        ({"workers": -1}, "plan_bad", "workers must be >= 0"),
+        ({"attempts": 0}, "plan_bad", "attempts >= 1"),
+        ({"scenes": ()}, "plan_bad", "at least one scene"),
+    ],
+)
+def test_unusable_plans(changes: dict[str, Any], code: str, told: str) -> None:
+    with pytest.raises(InputError, match=told) as caught:
+        SimulationPlan(**changes)
+    assert caught.value.code == code
 
 
 def test_cache_folder_is_the_users_choice(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -73,8 +73,9 @@ def test_from_drapes() -> None:
     assert len(renders) == 2
     assert renders[0].need_shaded().shape == renders[0].need_depth().shape == (256, 256)
     assert renders[0].height[renders[0].mask].max() == pytest.approx(0.063, abs=0.003)
-    with pytest.raises(InputError, match="drape 1 is not at rest"):
+    with pytest.raises(InputError, match=r"drape 1 is not at rest \(diverged.*leave it out") as caught:
         renders_from_drapes([drape(2.0, 0.0), drape(2.0, 0.0, DrapeStatus.DIVERGED)])
+    assert caught.value.code == "drape_not_still"
 
 
 def test_from_a_store(store: Store) -> None:
@@ -105,7 +106,18 @@ def test_parameters_are_those_of_a_usable_row(store: Store) -> None:
 
 
 def test_what_the_store_does_not_hold(store: Store) -> None:
-    with pytest.raises(InputError, match="0 to 2"):
-        renders_from_store(store, 3)
-    with pytest.raises(InputError, match="no usable drape in hanging, stretch"):
+    for material in (3, -1):
+        with pytest.raises(InputError, match="0 to 2") as caught:
+            renders_from_store(store, material)
+        assert caught.value.code == "material_unknown"
+    with pytest.raises(InputError, match=r"no usable drape in hanging, stretch \(.*diverged forces grew") as caught:
         renders_from_store(store, 2)
+    assert caught.value.code == "material_failed"
+
+
+def test_a_store_whose_drapes_lie_on_no_square_grid(store: Store) -> None:
+    layout = store.layout.model_copy(update={"vertex_count": MESH.vertex_count - 1})
+    stub = SimpleNamespace(layout=layout)
+    with pytest.raises(InputError, match=f"{MESH.vertex_count - 1} vertices are no square grid") as caught:
+        renders_from_store(stub, 0)  # type: ignore[arg-type]  # all that is read of it
+    assert caught.value.code == "store_mesh"

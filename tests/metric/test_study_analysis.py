@@ -56,8 +56,9 @@ def test_impossible_studies_are_refused() -> None:
         with pytest.raises(InputError) as caught:
             draw_triplets(fabrics, rng, count=count)
         assert caught.value.code == code
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="neither of the two") as caught:
         Answer("p", Triplet(0, 1, 2), 0)
+    assert caught.value.code == "answer_not_offered"
 
 
 def test_gradient_of_the_embedding_loss() -> None:
@@ -183,12 +184,17 @@ def test_rank_correlation_is_spearmans() -> None:
     others = np.arange(10) != 4
     expected = spearmanr(first[4, others], second[4, others]).statistic
     assert rank_correlations(first, second)[4] == pytest.approx(expected)
-    with pytest.raises(InputError):
-        rank_correlations(first, second[:5, :5])
+    for one, other in ((first, second[:5, :5]), (first[:2, :2], second[:2, :2]), (first[0], second[0])):
+        with pytest.raises(InputError, match="same 3 or more fabrics") as caught:
+            rank_correlations(one, other)
+        assert caught.value.code == "matrices_differ"
 
 
 def test_no_answers_no_embedding() -> None:
-    with pytest.raises(InputError, match="none were given"):
+    with pytest.raises(InputError, match="none were given") as caught:
         embed(answer_array([]), 10)
-    with pytest.raises(InputError, match="not in the study"):
-        embed(np.array([[0, 1, 12]]), 10)
+    assert caught.value.code == "answers_missing"
+    for named in (-1, 12):
+        with pytest.raises(InputError, match="not in the study") as caught:
+            embed(np.array([[0, 1, named]]), 10)
+        assert caught.value.code == "answer_fabric_unknown"

@@ -111,8 +111,9 @@ def test_inclination_turns_about_the_pins() -> None:
 
 @pytest.mark.parametrize("degrees", [90.0, -46.0, math.nan])
 def test_absurd_inclinations_are_refused(degrees: float) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match=f"inclination {degrees} degrees must be from -45 to 45") as error:
         inclination_pose(degrees)
+    assert error.value.code == "inclination"
 
 
 @pytest.mark.parametrize(

@@ -49,8 +49,9 @@ def test_damaged_and_foreign_ply_are_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError) as error:
             read_ply(path)
         assert error.value.code == "ply_unreadable"
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="No such file") as error:
         read_ply(tmp_path / "none.ply")
+    assert error.value.code == "ply_missing"
 
 
 def test_a_bad_mesh_or_folder_leaves_no_file(tmp_path: Path) -> None:
@@ -95,10 +96,13 @@ def test_depth_that_does_not_fit_names_the_unit(tmp_path: Path) -> None:
     assert error.value.code == "depth_overflow"
     assert not (tmp_path / "d.png").exists()
     for bad in (-0.1, np.nan, np.inf):
-        with pytest.raises(InputError):
+        with pytest.raises(InputError, match="write 0 where there is no data") as error:
             write_depth_png(tmp_path / "d.png", np.full((2, 2), bad))
-    with pytest.raises(InputError, match="no data"):
+        assert error.value.code == "depth_invalid"
+    with pytest.raises(InputError, match="no data: use a smaller depth_unit_m") as error:
         write_depth_png(tmp_path / "d.png", np.full((2, 2), 1e-5), 1e-4)
+    assert error.value.code == "depth_unit"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_damaged_and_foreign_pictures_are_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,10 @@ def test_near_is_light_and_no_data_is_black() -> None:
     assert depth_to_grey(depth, 0.8, 0.9).tolist() == [[0, 255], [144, 32]]
     assert depth_to_grey(np.zeros((2, 2))).max() == 0
     assert depth_to_grey(np.full((2, 2), 0.9)).min() >= 32
-    with pytest.raises(InputError):
-        depth_to_grey(depth, 0.9, 0.8)
+    for near in (0.9, 0.8, math.nan):
+        with pytest.raises(InputError, match=f"near {near} m must be before far 0.8 m") as caught:
+            depth_to_grey(depth, near, 0.8)
+        assert caught.value.code == "depth_range"
 
 
 def test_contact_sheet_holds_every_picture_unchanged(tmp_path: Path) -> None:
@@ -36,7 +39,11 @@ def test_contact_sheet_holds_every_picture_unchanged(tmp_path: Path) -> None:
 def test_bad_sheets_are_refused(tmp_path: Path) -> None:
     picture = np.zeros((8, 8), np.uint8)
     for pictures, labels in (([], []), ([picture], []), ([picture, picture[:4]], ["a", "b"])):
-        with pytest.raises(InputError):
+        with pytest.raises(InputError, match="contact sheet") as caught:
             contact_sheet(pictures, labels)
-    with pytest.raises(InputError):
-        write_png(tmp_path / "a.png", picture.astype(float))
+        assert caught.value.code == "sheet"
+    for bad, got in ((picture.astype(float), r"float64 \[8, 8\]"), (picture[0], r"uint8 \[8\]")):
+        with pytest.raises(InputError, match=rf"must be uint8 \[H, W\] or \[H, W, 3\], got {got}") as caught:
+            write_png(tmp_path / "a.png", bad)
+        assert caught.value.code == "picture"
+    assert not list(tmp_path.iterdir())

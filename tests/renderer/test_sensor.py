@@ -180,36 +180,40 @@ def test_noise_in_the_picture_is_as_stated_with_smoothing_on() -> None:
 
 
 @pytest.mark.parametrize(
-    "setting",
+    ("setting", "code", "told"),
     [
-        {"range_noise_m": -0.001},
-        {"range_noise_m": math.nan},
-        {"range_noise_m": 0.001, "at_m": 0.0},
-        {"quantisation_m": -1.0},
-        {"quantisation": "log"},
-        {"flying_pixels": 1.5},
-        {"dropout": -0.1},
-        {"dropout": 0.1, "dropout_patch_px": -1.0},
-        {"edge_dropout": math.nan},
-        {"smoothing_px": -1.0},
-        {"depth_scale": -1.0},
-        {"depth_bias_m": math.inf},
-        {"grazing_limit_deg": 0.0},
-        {"shadow_baseline_m": 3.0},
-        {"edge_jump_m": 0.0},
+        ({"range_noise_m": -0.001}, "sensor_range_noise", "range noise -0.001 m"),
+        ({"range_noise_m": math.nan}, "sensor_range_noise", "range noise nan m"),
+        ({"range_noise_m": 0.001, "at_m": 0.0}, "sensor_range_noise", "reference depth 0.0 m must be above 0"),
+        ({"quantisation_m": -1.0}, "sensor_quantisation", "-1.0 m must be from 0 to 1"),
+        ({"quantisation": "log"}, "sensor_quantisation", "'log': choose uniform or disparity"),
+        ({"flying_pixels": 1.5}, "sensor_flying_pixels", "share from 0 to 1"),
+        ({"dropout": -0.1}, "sensor_dropout", "dropout -0.1 must be a share"),
+        ({"dropout": 0.1, "dropout_patch_px": -1.0}, "sensor_dropout", "-1.0 px must be from 0 to 100"),
+        ({"edge_dropout": math.nan}, "sensor_edge_dropout", "share from 0 to 1"),
+        ({"smoothing_px": -1.0}, "sensor_smoothing", "-1.0 px must be from 0 to 100"),
+        ({"depth_scale": -1.0}, "sensor_depth_scale", "-1.0 must be from -0.9 to 9"),
+        ({"depth_bias_m": math.inf}, "sensor_depth_bias", "inf m must be from -65 to 65"),
+        ({"depth_bias_m": -70.0}, "sensor_depth_bias", "-70.0 m must be from -65 to 65"),
+        ({"grazing_limit_deg": 0.0}, "sensor_grazing", "above 0 and at most 90"),
+        ({"shadow_baseline_m": 3.0}, "sensor_shadow", "3.0 m must be from -1 to 1"),
+        ({"edge_jump_m": 0.0}, "sensor_edge_jump", "edge jump 0.0 m must be positive"),
     ],
 )
-def test_bad_magnitudes_are_refused(setting: dict[str, Any]) -> None:
-    with pytest.raises(InputError):
+def test_bad_magnitudes_are_refused(setting: dict[str, Any], code: str, told: str) -> None:
+    with pytest.raises(InputError, match=told) as caught:
         SensorModel(**setting)
+    assert caught.value.code == code
 
 
 def test_bad_pictures_are_refused(box: np.ndarray) -> None:
     for bad in (box[0], -box, np.full((4, 4), np.nan)):
-        with pytest.raises(InputError):
+        with pytest.raises(InputError, match="0 where there is no data") as caught:
             IDEAL_SENSOR.apply(bad, rng())
-    with pytest.raises(InputError, match="camera"):
+        assert caught.value.code == "depth_invalid"
+    with pytest.raises(InputError, match="pass camera=") as caught:
         SR300_LIKE.apply(box, rng())
+    assert caught.value.code == "camera"
 
 
 def test_sensors_by_name() -> None:

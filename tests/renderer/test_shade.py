@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import threading
@@ -141,16 +142,26 @@ def test_a_constant_picture_is_an_error(engine: str, request: pytest.FixtureRequ
 
 def test_bad_input_is_refused() -> None:
     vertices, triangles = drape_like(10)
-    with pytest.raises(InputError, match="raycast or filament"):
+    with pytest.raises(InputError, match="'opengl': choose raycast or filament") as caught:
         ShadedRenderer(CANONICAL_CAMERA, engine="opengl")
-    with pytest.raises(InputError):
-        ShadedRenderer(CANONICAL_CAMERA, supersample=0)
+    assert caught.value.code == "engine_unknown"
+    for supersample in (0, 9):
+        with pytest.raises(InputError, match=f"supersampling {supersample} must be from 1 to 8") as caught:
+            ShadedRenderer(CANONICAL_CAMERA, supersample=supersample)
+        assert caught.value.code == "supersample"
     with pytest.raises(InputError, match="raycast"):
         ShadedRenderer(Camera(64, 64, 50.0, 50.0, 32.0, 32.0, (0.1, 0.0, 0.0, 0.0, 0.0)), engine="filament")
     with pytest.raises(InputError):
         shade_lambertian_raycast(vertices * np.nan, triangles, CANONICAL_CAMERA, POSE)
-    with pytest.raises(InputError):
-        Light(direct=1.5)
+
+
+@pytest.mark.parametrize(
+    "bad", [{"direct": 1.5}, {"ambient": -0.1}, {"direct": math.nan}, {"albedo": math.nan}, {"azimuth_deg": math.inf}]
+)
+def test_light_that_cannot_be_is_refused(bad: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=r"give finite angles, .*albedo \(direct \+ ambient\) of at most 1") as caught:
+        Light(**bad)
+    assert caught.value.code == "light"
 
 
 @pytest.mark.usefixtures("vulkan")

@@ -112,10 +112,14 @@ def test_part_of_a_shard_is_refused_and_nothing_written(tmp_path: Path) -> None:
 
 def test_the_last_shard_takes_its_fewer_rows_and_no_more(tmp_path: Path) -> None:
     writer = make(tmp_path / "s.zarr", shards=())
-    with pytest.raises(StoreError):
+    with pytest.raises(StoreError) as raised:
         writer.write_shard(1, rows_of(LAYOUT, 0))
-    with pytest.raises(StoreError):
-        writer.write_shard(2, rows_of(LAYOUT, 1))
+    assert raised.value.code == "partial_shard"
+    for shard in (2, -1):
+        with pytest.raises(StoreError, match=f"shard {shard} is not one of the store's 2") as raised:
+            writer.write_shard(shard, rows_of(LAYOUT, 1))
+        assert raised.value.code == "shard_unknown"
+    assert not Store.open(tmp_path / "s.zarr").complete.any()
     writer.write_shard(1, rows_of(LAYOUT, 1))
     assert Store.open(tmp_path / "s.zarr").complete.tolist() == [False, True]
 
@@ -206,8 +210,9 @@ def test_attributes_of_another_kind_are_damage(name: str, value: object, tmp_pat
 
 @pytest.mark.parametrize("url", ["file:/tmp/x.zarr", "file://localhost/tmp/x.zarr", "memory:///x"])
 def test_urls_that_would_go_elsewhere_are_refused(url: str) -> None:
-    with pytest.raises(InputError, match="not a place for a store"):
+    with pytest.raises(InputError, match="not a place for a store: name a folder") as raised:
         store_exists(url)
+    assert raised.value.code == "store_url"
 
 
 @pytest.mark.parametrize(
@@ -225,6 +230,33 @@ def test_full_and_forbidden_places_are_bad_input(number: int, code: str) -> None
     assert raised.value.code == code
 
 
+def test_a_disk_that_fails_is_the_stores_fault() -> None:
+    with pytest.raises(StoreError, match=r"here: cannot be read .*Input/output error") as raised, store_errors("here"):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+    assert raised.value.code == "store_failed"
+
+
+def test_a_file_in_the_way_of_a_store_stays_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "notes").write_text("mine")
+    with pytest.raises(InputError, match="a file or folder is in the way; choose another place") as raised:
+        make(tmp_path / "notes" / "s.zarr")
+    assert raised.value.code == "store_in_the_way"
+    assert (tmp_path / "notes").read_text() == "mine" and len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "place"), [({"materials": 0}, "materials"), ({"scenes": []}, "scenes"), ({"colour": "red"}, "colour")]
+)
+def test_a_layout_that_is_none_is_damage(change: dict[str, object], place: str, tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    group = zarr.open_group(tmp_path / "s.zarr", mode="r+")
+    group.attrs.update({"layout": {**LAYOUT.model_dump(mode="json"), **change}})
+    with pytest.raises(StoreError, match=f"layout is damaged at {place}: ") as raised:
+        Store.open(tmp_path / "s.zarr")
+    assert raised.value.code == "store_layout"
+
+
 def test_an_unknown_url_is_refused() -> None:
-    with pytest.raises(InputError, match="not a place for a store"):
+    with pytest.raises(InputError, match="not a place for a store") as raised:
         Store.open("gopher://x/y")
+    assert raised.value.code == "store_url"

@@ -16,6 +16,7 @@ import pytest
 from PIL import Image
 
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from services.api.routes.estimates import MOST_REPEATS
 from simcore.parameters import ESTIMATED_NAMES
 from tests.services.served import serving
 
@@ -137,6 +138,13 @@ def test_a_picture_is_needed(client: httpx.Client) -> None:
     assert answer.json()["code"] == "no_captures"
     answer = client.post("/v1/estimates", data={"density": "0.2"}, files={"other": ("x.png", b"")})
     assert answer.json()["errors"][0]["pointer"] == "body/other"
+
+
+def test_only_so_many_repeats_are_taken(client: httpx.Client) -> None:
+    files = [("stretch", (f"{n}.png", depth_png())) for n in range(MOST_REPEATS + 1)]
+    answer = client.post("/v1/estimates", data={"density": "0.2"}, files=files)
+    assert (answer.status_code, answer.json()["code"]) == (422, "too_many_captures")
+    assert f"at most {MOST_REPEATS} pictures of each scene" in answer.json()["detail"]
 
 
 def test_another_camera_must_be_described(client: httpx.Client) -> None:

@@ -88,13 +88,20 @@ def test_bad_options(
 def test_bad_files(fabrics: tuple[str, str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "bad.json").write_text(json.dumps({**VALUES, "density": -0.2}))
     (tmp_path / "empty.json").write_text("[]")
-    assert run(["distance", fabrics[0], str(tmp_path / "bad.json")]) == 2
-    assert run(["distance", fabrics[0], str(tmp_path / "none.json")]) == 2
-    assert run(["rank", fabrics[0], str(tmp_path / "empty.json")]) == 2
-    assert run(["rank", fabrics[0], fabrics[2], "--top", "-1"]) == 2
-    assert run(["rank", fabrics[0], fabrics[2], "--figure", str(tmp_path / "search.docx")]) == 2
-    assert run(["rank", fabrics[0], fabrics[2], "--thumbnails", str(tmp_path / "bad.json")]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 6
+    before = sorted(tmp_path.iterdir())
+    a, _, library = fabrics
+    for arguments, told, code in (
+        (["distance", a, str(tmp_path / "bad.json")], "density", "parameter_out_of_range"),
+        (["distance", a, str(tmp_path / "none.json")], "no such file", "file_missing"),
+        (["rank", a, str(tmp_path / "empty.json")], "holds no fabrics", "library_empty"),
+        (["rank", a, library, "--top", "-1"], "got -1: give 0 for all", "top_out_of_range"),
+        (["rank", a, library, "--figure", str(tmp_path / "s.docx")], "name a .png, .pdf or .svg file", "figure_form"),
+        (["rank", a, library, "--thumbnails", str(tmp_path / "bad.json")], "cannot be made", "folder_unusable"),
+    ):
+        assert run(arguments) == 2
+        said = capsys.readouterr().err
+        assert told in said and said.endswith(f"[{code}]\n") and said.count("\n") == 1
+        assert sorted(tmp_path.iterdir()) == before
 
 
 def test_a_cache_folder_that_cannot_be_made(

@@ -72,6 +72,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("diagnose set --out taken", "output_is_folder"),
         ("diagnose set --out report --isolability --build-atlas", "options_exclude"),
         ("diagnose set --out report --isolability --apply", "options_exclude"),
+        ("diagnose set --out report --address auto", "address"),
+        ("diagnose set --out report --workers 0", "workers"),
         ("diagnose set --out report --resolution 0", "resolution_out_of_range"),
         ("diagnose set --out report --resolution nan --isolability", "resolution_out_of_range"),
         ("blind make 1 new --resolution 0.013", "resolution_does_not_divide"),
@@ -88,7 +90,12 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("train --store s.zarr --out file/model", "folder_missing"),
         ("train --store s.zarr --out model --tensorboard file/events", "folder_unusable"),
         ("rank p.json library.json --figure in.png", "output_is_folder"),
+        ("rank p.json library.json --figure new/search.docx", "figure_form"),
+        ("rank p.json library.json --figure new/search", "figure_form"),
+        ("rank p.json library.json --top -1", "top_out_of_range"),
         ("study export study_0 --out in.csv", "output_is_folder"),
+        ("study export study_0 --out answers.xlsx", "export_form"),
+        ("study compare --backends , --out new", "backends_missing"),
         ("study make library.json --shared 30", "triplets_shared"),
         ("study make library.json", "fabrics_too_few"),
         ("study make --photographs frames", "study_empty"),
@@ -115,6 +122,17 @@ def test_a_cache_that_cannot_be_is_found_before_the_diagnosis(
         assert main.run(command.split()) == 2
         error = capsys.readouterr().err
         assert "DRAPEMETER_CACHE" in error and "[folder_unusable]" in error
+
+
+def test_an_atlas_that_would_be_kept_nowhere_is_not_built(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("DRAPEMETER_CACHE", "")
+    before = sorted(place.rglob("*"))
+    assert main.run(["diagnose", "set", "--out", "report", "--build-atlas"]) == 2
+    said = capsys.readouterr().err
+    assert "nothing would be kept: give --atlas" in said and said.endswith("[atlas_missing]\n")
+    assert sorted(place.rglob("*")) == before
 
 
 @pytest.mark.parametrize("target", ["file", "file/inner/deep", "broken", "broken/inner"])

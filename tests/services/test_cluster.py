@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
+import ray
 
 from services.dataset import cluster
-from simcore.errors import MissingResourceError
+from simcore.errors import InputError, MissingResourceError
 
 
 def test_a_cluster_that_goes_away_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -19,3 +20,37 @@ def test_a_cluster_that_goes_away_is_told(monkeypatch: pytest.MonkeyPatch) -> No
         assert cores == 4
         raise ConnectionError("Failed during this or a previous request.")
     assert caught.value.code == "cluster_lost"
+
+
+@pytest.fixture
+def head(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A cluster of four CPUs that answers at any address; what is done with it."""
+    done: list[str] = []
+    monkeypatch.setattr(cluster, "_knock", lambda address: None)
+    monkeypatch.setattr("ray.init", lambda **given: done.append("joined"))
+    monkeypatch.setattr("ray.shutdown", lambda: done.append("left"))
+    monkeypatch.setattr("ray.cluster_resources", lambda: {"CPU": 4.0})
+    return done
+
+
+def test_a_cluster_without_a_gpu_is_told(head: list[str]) -> None:
+    with (
+        pytest.raises(InputError, match="no GPU here for --solver cuda: use single or batch") as caught,
+        cluster.ray_cluster("head:6379", None, gpus=True),
+    ):
+        raise AssertionError("the work began")
+    assert caught.value.code == "gpu_missing"
+    assert head == ["joined", "left"]
+
+
+def test_a_cluster_that_wants_its_token_is_told(head: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(**_: object) -> None:
+        raise ray.exceptions.AuthenticationError("Token authentication is enabled but no token was found")
+
+    monkeypatch.setattr("ray.init", refuse)
+    with (
+        pytest.raises(InputError, match="head:6379 wants its token: set RAY_AUTH_MODE=token and") as caught,
+        cluster.ray_cluster("head:6379", None),
+    ):
+        raise AssertionError("the work began")
+    assert caught.value.code == "cluster_token"

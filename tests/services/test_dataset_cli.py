@@ -59,10 +59,14 @@ def test_options_before_a_subcommand_are_not_passed_over(store: Path, capsys: py
 
 
 def test_missing_out_and_materials_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["dataset", "--materials", "3"]) == 2
-    assert "--out" in capsys.readouterr().err
-    assert run(["dataset", "--out", "x.zarr"]) == 2
-    assert "--materials" in capsys.readouterr().err
+    for arguments, said in (
+        (["--materials", "3"], "error: say where the store shall be: --out store.zarr [out_missing]"),
+        (["--out", "x.zarr"], "error: say how many fabrics: --materials N [materials_missing]"),
+        (["--out", "x.zarr", "--design", "list"], "needs the file of fabrics: --fabrics FILE [list_missing]"),
+    ):
+        assert run(["dataset", *arguments]) == 2
+        assert capsys.readouterr().err.strip().endswith(said)
+    assert not Path("x.zarr").exists()
 
 
 def test_a_store_that_is_there_is_left_as_it_is(store: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -70,7 +74,9 @@ def test_a_store_that_is_there_is_left_as_it_is(store: Path, capsys: pytest.Capt
     assert run([*SMALL, "--out", str(store)]) == 2
     assert "--resume" in capsys.readouterr().err
     assert run([*SMALL, "--out", str(store), "--resume", "--seed", "5", "--time-limit", "7"]) == 2
-    assert "other settings (seed, time_limit_s)" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "other settings (seed, time_limit_s); resume it with its own" in said
+    assert said.endswith("[store_configuration]\n")
     assert (Store.open(store).checksums == before).all()
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import errno
+import os
 from pathlib import Path
 
 import numpy as np
@@ -45,13 +47,15 @@ def test_unlike_unfinished_and_single_stores_are_not_merged(stores: list[Store],
     other = Store.open(made_up_store(tmp_path / "c.zarr", *small_sweep(materials=2, inclinations=1)))
     configuration, _ = small_sweep(materials=2)
     prepare_store(str(tmp_path / "d.zarr"), configuration, resume=False)
-    for sources, message in [
-        (stores[:1], "at least two"),
-        ([stores[0], other], "differ in inclinations_deg"),
-        ([stores[0], Store.open(tmp_path / "d.zarr")], "unfinished"),
+    for sources, message, code in [
+        ([], "at least two", "merge_few"),
+        (stores[:1], "at least two stores", "merge_few"),
+        ([stores[0], other], r"c\.zarr and .*0\.zarr differ in inclinations_deg", "merge_unlike"),
+        ([stores[0], Store.open(tmp_path / "d.zarr")], r"d\.zarr is unfinished; .*--resume", "merge_unfinished"),
     ]:
-        with pytest.raises(InputError, match=message):
+        with pytest.raises(InputError, match=message) as caught:
             merge_stores(sources, out)
+        assert caught.value.code == code
     assert not Path(out).exists()
 
 
@@ -82,8 +86,12 @@ def test_a_merge_that_was_stopped_goes_on(stores: list[Store], tmp_path: Path) -
 
 
 def test_nothing_is_merged_into_a_source(stores: list[Store], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="would lie in"):
-        merge_stores(stores, str(tmp_path / "0.zarr" / "both"))
+    before = sorted(tmp_path.rglob("*"))
+    for inside in ("0.zarr/both", "0.zarr", "1.zarr/../0.zarr/new"):
+        with pytest.raises(InputError, match=r"would lie in .*0\.zarr: choose another --out") as caught:
+            merge_stores(stores, str(tmp_path / inside))
+        assert caught.value.code == "merge_inside"
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_a_merge_of_merges_is_drawn(stores: list[Store], tmp_path: Path) -> None:
@@ -127,8 +135,29 @@ def test_an_export_touches_nothing_but_its_own_folder(stores: list[Store], tmp_p
 
 def test_a_folder_that_is_there_is_not_written_into(stores: list[Store], tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
-    with pytest.raises(InputError, match="is there already"):
+    with pytest.raises(InputError, match="is there already; choose another folder") as caught:
         export_store(stores[0], tmp_path / "out")
+    assert caught.value.code == "export_exists"
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_an_export_that_cannot_be_written_leaves_nothing(
+    stores: list[Store], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(InputError, match=r"file/out: cannot be written \(") as caught:
+        export_store(stores[0], tmp_path / "file" / "out")
+    assert caught.value.code == "export_not_writable"
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("services.dataset.export._write_samples", full)
+    with pytest.raises(InputError, match="No space left") as caught:
+        export_store(stores[0], tmp_path / "out")
+    assert caught.value.code == "export_not_writable"
+    assert sorted(tmp_path.iterdir()) == before and (tmp_path / "file").read_text() == "mine"
 
 
 def test_cost_grows_with_the_sweep_and_shrinks_with_workers() -> None:

@@ -98,31 +98,34 @@ def test_what_draws_fabrics_does_not_go_with_a_list(beside: dict[str, Any], tmp_
 def test_an_impossible_plate_in_a_list_is_named(tmp_path: Path) -> None:
     row = dict(zip(PARAMETER_NAMES, [100, 100, 50, 4e-5, 1e-6, 1e-6, 0.2], strict=True))
     (tmp_path / "f.json").write_text(json.dumps([FABRICS[0].as_dict(), row]))
-    with pytest.raises(InputError, match="fabric 2: no plate"):
+    with pytest.raises(InputError, match=r"f\.json, fabric 2: no plate .*; 4 bending_bias must be at least") as caught:
         plan_sweep(fabrics=tmp_path / "f.json")
+    assert caught.value.code == "bending_inadmissible"
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "message", "code"),
     [
-        ({"materials": 2, "scenes": ("hanging", "lying")}, "unknown scene 'lying'"),
-        ({"materials": 2, "scenes": ("hanging", "hanging")}, "each scene once"),
-        ({"materials": 2, "scenes": ()}, "each scene once"),
-        ({"materials": 2, "ranges": {"density": (0.3, 0.1)}}, "first number must be the smaller"),
-        ({"materials": 2, "resolution_m": 0.03}, "does not divide"),
-        ({"materials": 2, "resolution_m": float("nan")}, "resolution"),
-        ({"materials": 2, "time_limit_s": 0}, "time_limit_s"),
-        ({"materials": 2, "inclinations": 0}, "inclinations"),
-        ({"materials": 2, "seed": -1}, "seed"),
-        ({"materials": 0}, "materials"),
-        ({"materials": 2, "design": "cube"}, "unknown design"),
-        ({"materials": None}, "--materials"),
-        ({"design": "list"}, "--fabrics"),
+        ({"materials": 2, "scenes": ("hanging", "lying")}, "unknown scene 'lying'", "scene_unknown"),
+        ({"materials": 2, "scenes": ("hanging", "hanging")}, "each scene once", "scenes"),
+        ({"materials": 2, "scenes": ()}, "each scene once", "scenes"),
+        ({"materials": 2, "ranges": {"density": (0.3, 0.1)}}, "first number must be the smaller", "range_order"),
+        ({"materials": 2, "resolution_m": 0.03}, "does not divide", "resolution_does_not_divide"),
+        ({"materials": 2, "resolution_m": float("nan")}, "resolution", "resolution_out_of_range"),
+        ({"materials": 2, "time_limit_s": 0}, "time_limit_s", "sweep_value"),
+        ({"materials": 2, "inclinations": 0}, "inclinations", "sweep_value"),
+        ({"materials": 2, "seed": -1}, "seed", "sweep_value"),
+        ({"materials": 0}, "materials", "sweep_value"),
+        ({"materials": 0, "design": "grid"}, "a grid of 0 fabrics: give at least 1", "grid_size"),
+        ({"materials": 2, "design": "cube"}, "unknown design", "design_unknown"),
+        ({"materials": None}, "say how many fabrics: --materials N", "materials_missing"),
+        ({"design": "list"}, "the file of fabrics: --fabrics FILE", "list_missing"),
     ],
 )
-def test_what_cannot_be_used_is_told(settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
+def test_what_cannot_be_used_is_told(settings: dict[str, Any], message: str, code: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
         plan_sweep(**settings)
+    assert caught.value.code == code
 
 
 def test_a_configuration_knows_itself_after_json() -> None:

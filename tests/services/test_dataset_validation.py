@@ -93,10 +93,21 @@ def test_relief_is_light_where_the_cloth_is_near() -> None:
     assert relief(depth).tolist() == [[0, 127, 255, 0]]
 
 
+def test_figures_need_a_folder(store: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    for folder in (tmp_path / "file", tmp_path / "file" / "figures"):
+        with pytest.raises(InputError, match=r"cannot be made \(") as caught:
+            write_figures(Store.open(store), folder)
+        assert caught.value.code == "folder_not_writable"
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 def test_an_unfinished_store_has_nothing_to_show(tmp_path: Path) -> None:
     prepare_store(str(tmp_path / "s.zarr"), CONFIGURATION, resume=False)
-    with pytest.raises(InputError, match="nothing to show"):
+    with pytest.raises(InputError, match=r"s\.zarr: holds no usable sample yet, so there is nothing to show") as caught:
         write_figures(Store.open(tmp_path / "s.zarr"), tmp_path / "figures")
+    assert caught.value.code == "store_empty"
+    assert not (tmp_path / "figures").exists()
     assert inspect_store(Store.open(tmp_path / "s.zarr")).ok == 0
 
 

@@ -60,8 +60,11 @@ def test_an_earlier_demonstration_is_replaced_and_other_folders_are_not(tmp_path
     other = tmp_path / "thesis"
     other.mkdir()
     (other / "chapter.tex").write_text("mine")
-    with pytest.raises(InputError, match="not empty"):
+    with pytest.raises(InputError, match=r"not empty .*: give --out another folder") as caught:
         prepare_folder(other)
-    assert (other / "chapter.tex").exists()
-    with pytest.raises(InputError, match="cannot make"):
+    assert caught.value.code == "folder_not_empty"
+    with pytest.raises(InputError, match="cannot make") as caught:
         prepare_folder(other / "chapter.tex" / "out")
+    assert caught.value.code == "cannot_write"
+    assert [path.name for path in other.iterdir()] == ["chapter.tex"]
+    assert (other / "chapter.tex").read_text() == "mine"

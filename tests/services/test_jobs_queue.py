@@ -8,19 +8,23 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fastapi.responses import JSONResponse
 from sqlalchemy import select, text, update
 from sqlalchemy.exc import DataError, OperationalError
 
 from services.api.auth import EVERYBODY
 from services.api.idempotency import Answer, Once
+from services.api.problems import ProblemError
+from services.api.submit import submit_job
 from services.db.base import utc_now
 from services.db.engine import Database
 from services.db.idempotency import IdempotencyRecord
 from services.db.jobs import Job, JobFile, JobStatus
-from services.db.migrate import is_current, is_usable
+from services.db.migrate import is_current, is_usable, require_current
 from services.jobs.files import FileContent
 from services.jobs.maintenance import purge
 from services.jobs.queue import Claim, JobQueue, enqueue, request_cancel
@@ -28,6 +32,7 @@ from services.jobs.scratch import make_scratch
 from services.jobs.task import Call, Done, Event, Refused, Runner, TaskOutput
 from services.jobs.worker import JobWorker
 from services.settings import Settings
+from simcore.errors import MissingResourceError
 
 ARCHIVE = FileContent("a.zip", "application/zip", b"content")
 REPORT = FileContent("report.html", "text/html", b"<p>")
@@ -176,6 +181,23 @@ def test_a_cancelled_job_that_is_given_back_is_not_run_again(
     assert queue.claim("w") is None and not queue.release(claim, count_attempt=count_attempt)
 
 
+def test_no_more_jobs_wait_than_may(database: Database, queue: JobQueue) -> None:
+    state = SimpleNamespace(database=database, settings=Settings(job_queue=2))
+
+    def submit() -> JSONResponse:
+        return submit_job(state, EVERYBODY, None, "drape_distance", {"n": 1})  # type: ignore[arg-type]  # all it reads
+
+    assert [submit().status_code for _ in range(2)] == [202, 202]
+    with pytest.raises(ProblemError, match="2 jobs are waiting already: try again") as caught:
+        submit()
+    assert (caught.value.status_code, caught.value.code) == (429, "jobs_saturated")
+    assert caught.value.headers == {"Retry-After": "60"}
+    with database.read() as session:
+        assert len(session.scalars(select(Job)).all()) == 2
+    claimed(queue)
+    assert submit().status_code == 202
+
+
 def test_a_waiting_job_is_cancelled_at_once(database: Database, queue: JobQueue) -> None:
     job_id = add(database)
     with database.write() as session:
@@ -243,9 +265,13 @@ def test_an_answer_is_remembered_for_its_time_and_no_longer(database: Database) 
 
 def test_tables_of_a_later_version_can_be_served_from(database: Database) -> None:
     assert is_usable(database) and is_current(database)
+    require_current(database)
     with database.engine.execution_options(write=True).begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = 'of_next_year'"))
     assert is_usable(database) and not is_current(database)
+    with pytest.raises(MissingResourceError, match=r"test\.db are of another version: run .*serve --migrate") as caught:
+        require_current(database)
+    assert caught.value.code == "database_not_migrated"
     with database.engine.execution_options(write=True).begin() as connection:
         connection.execute(text("DELETE FROM alembic_version"))
     assert not is_usable(database)

@@ -15,7 +15,7 @@ from fastapi import Request
 from sqlalchemy.exc import InternalError
 
 from services.api.auth import identify, refuse_browsers
-from services.api.keys import create_key, find_key, revoke_key
+from services.api.keys import create_key, find_key, list_keys, revoke_key
 from services.api.problems import ProblemError
 from services.api.scopes import ApiScope, parse_scopes
 from services.db.base import utc_now
@@ -71,13 +71,29 @@ def test_revoked_and_expired_keys_are_refused(database: Database) -> None:
 
 
 def test_unknown_scopes_and_keys_are_refused(database: Database) -> None:
-    with pytest.raises(InputError, match="unknown scope 'everything'"):
-        parse_scopes("fabrics:read,everything")
-    with pytest.raises(InputError, match="no scope"):
-        parse_scopes(" , ")
+    for scopes, told in (
+        ("fabrics:read,everything", "unknown scope 'everything'"),
+        (" , ", "no scope"),
+    ):
+        with pytest.raises(InputError, match=rf"{told}.*: choose from .*fabrics:read.*, or \* for all") as caught:
+            parse_scopes(scopes)
+        assert caught.value.code == "scope_unknown"
     assert set(parse_scopes("*")) == set(ApiScope)
-    with database.write() as session, pytest.raises(InputError, match="no API key"):
+    with (
+        database.write() as session,
+        pytest.raises(InputError, match=r"no API key 'dm_unknown': .*keys list") as caught,
+    ):
         revoke_key(session, "dm_unknown")
+    assert caught.value.code == "key_unknown"
+
+
+@pytest.mark.parametrize("days", [0.0, -1.0, float("nan"), float("inf"), 36501.0])
+def test_a_key_lives_for_some_days(database: Database, days: float) -> None:
+    with database.write() as session:
+        with pytest.raises(InputError, match="positive number of days") as caught:
+            create_key(session, "plm", (ApiScope.FABRICS_READ,), expires_after_days=days)
+        assert caught.value.code == "key_lifetime"
+        assert list_keys(session) == []
 
 
 def test_the_command_line_makes_lists_and_revokes(tmp_path: Path) -> None:
@@ -209,10 +225,10 @@ def test_the_first_key_closes_an_open_server(tmp_path: Path) -> None:
 @pytest.mark.parametrize("password", ["", "postgres", "changeme", "drapemeter"])
 def test_default_database_passwords_are_refused_when_others_can_come(password: str) -> None:
     url = f"postgresql://drapemeter:{password}@db/drapemeter"
-    with pytest.raises(InputError, match="default"):
-        Settings(host="0.0.0.0", database=url).require_safe()
-    with pytest.raises(InputError, match="default"):
-        Settings(environment="production", database=url).require_safe()
+    for open_to_others in ({"host": "0.0.0.0"}, {"environment": "production"}):
+        with pytest.raises(InputError, match="well-known default: set a random one") as caught:
+            Settings.model_validate({**open_to_others, "database": url}).require_safe()
+        assert caught.value.code == "default_secret"
     Settings(database=url).require_safe()
     Settings(host="0.0.0.0", database="postgresql://drapemeter:sFwq29xVbn@db/drapemeter").require_safe()
 

@@ -49,8 +49,9 @@ def test_a_databases_password_may_come_otherwise(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("PGPASSFILE", str(tmp_path / "none"))
     by_name, by_query = "postgresql://u@db/d", "postgresql:///d?host=10.0.0.5&user=u"
     for url in (by_name, by_query):
-        with pytest.raises(InputError, match="password"):
+        with pytest.raises(InputError, match="password is empty") as caught:
             Settings(host="0.0.0.0", database=url).require_safe()
+        assert caught.value.code == "default_secret"
     Settings(host="0.0.0.0", database=f"{by_query}&password=sFwq29xVbn").require_safe()
     Settings(host="0.0.0.0", database="postgresql:///d?host=/run/postgresql").require_safe()
     monkeypatch.setenv("PGPASSWORD", "sFwq29xVbn")

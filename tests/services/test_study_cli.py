@@ -55,7 +55,7 @@ def test_a_study_with_photographs_and_simulated_observers(folder: Path, capsys: 
     assert (made["fabrics"], made["triplets"], made["shared"]) == (8, 20, 5)
 
     assert run(["study", "analyse", study]) == 2
-    assert "no answers of people" in capsys.readouterr().err
+    assert "no answers of people yet [answers_missing]" in capsys.readouterr().err
 
     few, truth = (
         document(capsys, "study", "simulate", study, "--observers", n, "--noise", "0.1", "--seed", s)["points"]
@@ -110,7 +110,9 @@ def test_photographs_that_the_library_does_not_name_are_refused(
     (folder / "photos" / "fabric-3").rename(folder / "photos" / "Fabric-3")
     library, photos = str(folder / "library.json"), str(folder / "photos")
     assert run(["study", "make", library, "--photographs", photos]) == 2
-    assert "no fabric named Fabric-3" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "no fabric named Fabric-3 (it has fabric-0, " in said and said.endswith("[photographs_unknown]\n")
+    assert not (folder / "d.db").exists()
     study = document(capsys, "study", "make", "--photographs", photos)["study"]
     document(capsys, "study", "simulate", study, "--observers", "1")
     assert run(["study", "analyse", study, "--simulated", "--backends", "nothing"]) == 2
@@ -132,9 +134,13 @@ def test_what_is_refused_leaves_nothing_behind(folder: Path, capsys: pytest.Capt
         assert "no such database" in capsys.readouterr().err
         assert sorted(folder.iterdir()) == before
     made = document(capsys, "study", "make", "--photographs", str(folder / "photos"))
-    for arguments in (["analyse", "study_x"], ["analyse", made["study"], "--backends", "nosuch"]):
+    for arguments, code in (
+        (["analyse", "study_x"], "study_unknown"),
+        (["analyse", made["study"], "--backends", "nosuch"], "answers_missing"),
+        (["analyse", made["study"], "--simulated"], "answers_missing"),
+    ):
         assert run(["study", *arguments, "--out", str(folder / "new")]) == 2
-        capsys.readouterr()
+        assert capsys.readouterr().err.endswith(f"[{code}]\n")
         assert not (folder / "new").exists()
 
 
@@ -161,24 +167,27 @@ def test_unusable_studies_name_the_way_out(folder: Path, capsys: pytest.CaptureF
     (folder / "broken" / "a" / "x.jpg").write_bytes(b"no picture")
     (folder / "empty").mkdir()
     (folder / "bare" / "a").mkdir(parents=True)
-    for arguments, message in (
-        (["make"], "LIBRARY.json"),
-        (["make", library, "--triplets", "10"], "reference 2 times"),
-        (["make", library, "--simulations", "0"], "simulations must be"),
-        (["make", "--photographs", str(folder / "none")], "no such folder"),
-        (["make", "--photographs", str(folder / "empty")], "no subfolders"),
-        (["make", "--photographs", str(folder / "broken")], "not a usable picture"),
-        (["make", "--photographs", str(folder / "bare")], "no pictures of a"),
-        (["analyse", "study_0"], "study list"),
-        (["export", "study_0", "--out", str(folder / "x.txt")], ".csv or .json"),
-        (["simulate", "study_0"], "study list"),
-        (["compare", "--simulations", "1"], "at least 2"),
-        (["compare", "--backends", "nothing"], "unknown back end"),
+    photos = ["make", "--photographs"]
+    for arguments, message, code in (
+        (["make"], "LIBRARY.json", "study_empty"),
+        (["make", library, "--triplets", "10"], "reference 2 times", "triplets_few"),
+        (["make", library, "--simulations", "0"], "simulations must be", "simulations_out_of_range"),
+        ([*photos, str(folder / "none")], "no such folder", "file_missing"),
+        ([*photos, str(folder / "empty")], "no subfolders", "study_empty"),
+        ([*photos, str(folder / "broken")], "not a usable picture", "photograph_unreadable"),
+        ([*photos, str(folder / "bare")], "no pictures of a", "study_pictures_missing"),
+        (["analyse", "study_0"], "study list", "file_missing"),
+        (["export", "study_0", "--out", str(folder / "x.txt")], ".csv or .json", "export_form"),
+        (["simulate", "study_0"], "study list", "file_missing"),
+        (["compare", "--simulations", "1"], "at least 2", "simulations_out_of_range"),
+        (["compare", "--backends", "nothing"], "unknown back end", "backend_unknown"),
+        (["compare", "--backends", " , "], "give at least one image distance", "backends_missing"),
     ):
         assert run(["study", *arguments]) == 2, arguments
         captured = capsys.readouterr()
-        assert message in captured.err
-        assert len(captured.err.strip().splitlines()) == 1
+        assert message in captured.err and captured.err.endswith(f"[{code}]\n"), (arguments, captured.err)
+        assert captured.err.count("\n") == 1
+        assert not (folder / "d.db").exists()
 
 
 def analytic_drape(request: DrapeRequest) -> RequestResult:

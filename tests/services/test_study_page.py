@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
+import warnings
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -187,8 +190,52 @@ def test_a_study_needs_names_and_pictures(store: StudyStore) -> None:
 
 
 def test_unknown_study(store: StudyStore) -> None:
-    with pytest.raises(InputError, match="study list"):
+    with pytest.raises(InputError, match=r"no study 'study_0' in this database: .*study list") as caught:
         StudyStore(store.database, "study_0")
+    assert caught.value.code == "study_unknown"
+
+
+def test_what_no_participant_can_say_is_not_recorded(store: StudyStore) -> None:
+    with pytest.raises(InputError, match="one of none, some, professional") as caught:
+        store.add_participant(experience="guru")
+    assert caught.value.code == "experience_unknown"
+    person = store.add_participant()
+    reference, left, _, *_ = person.questions[0]
+    for position, chosen, told, code in (
+        (12, left, "no question 12", "question_unknown"),
+        (-1, left, "no question -1", "question_unknown"),
+        (0, reference, f"question 0 does not offer fabric {reference}", "answer_not_offered"),
+    ):
+        with pytest.raises(InputError, match=told) as caught:
+            store.answer(person, position, chosen, 10)
+        assert caught.value.code == code
+    assert store.export() == [] and list_studies(store.database)[0]["begun"] == 1
+
+
+def png_header(width: int, height: int) -> bytes:
+    """A few bytes that promise a grey picture of this size."""
+    content = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    start = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + content + struct.pack(">I", zlib.crc32(content))
+    return start + struct.pack(">I", 0) + b"IDAT" + struct.pack(">I", zlib.crc32(b"IDAT"))
+
+
+@pytest.mark.parametrize(
+    ("content", "code", "told"),
+    [
+        (png_header(10_001, 10_000), "photograph_too_large", "more than 100 megapixels; scale it down"),
+        (png_header(60_000, 60_000), "photograph_too_large", "more than 100 megapixels; scale it down"),
+        (b"no picture", "photograph_unreadable", "not a usable picture"),
+        (png(7)[:-30], "photograph_unreadable", "not a usable picture"),
+        (b"", "photograph_unreadable", "not a usable picture"),
+    ],
+)
+def test_a_photograph_that_cannot_be_shown_is_named(content: bytes, code: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "cotton").mkdir()
+    (tmp_path / "cotton" / "front.png").write_bytes(content)
+    with warnings.catch_warnings(), pytest.raises(InputError, match=rf"cotton/front\.png: {told}") as caught:
+        warnings.simplefilter("error")  # the library's own word of a large picture is not passed on
+        entries_from_photographs(tmp_path)
+    assert caught.value.code == code
 
 
 def test_what_is_sent_is_never_sent_back_and_never_long(client: TestClient) -> None:

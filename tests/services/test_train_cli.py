@@ -167,6 +167,7 @@ def test_estimate_prints_a_table(model: Path, capture_set: Path, capsys: pytest.
 def test_a_missing_density_names_the_fabric(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, said = failure(capsys, "estimate", str(capture_set), "--model", str(model))
     assert code == 2 and "f2" in said and "f1," not in said and "--density" in said
+    assert said.endswith("[density_missing]")
 
 
 def test_bad_input_is_told_in_one_line(
@@ -193,6 +194,19 @@ def test_bad_input_is_told_in_one_line(
         code, said = failure(capsys, *arguments)
         assert code == 2 and words in said, (arguments, said)
     assert not Path(out).exists()
+
+
+def test_a_training_that_cannot_begin_leaves_nothing(
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for arguments, words, code in (
+        (["--store", "no.zarr"], "no.zarr", "store_missing"),
+        (["--store", str(store), "--ranks", "-1"], "-1 ranks: give at least 1", "ranks"),
+    ):
+        status, said = failure(capsys, "train", *arguments, "--out", "m", "--tensorboard", "events", *QUICK)
+        assert status == 2 and words in said and said.endswith(f"[{code}]")
+        assert not list(tmp_path.iterdir())
 
 
 def test_an_empty_picture_is_refused(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -239,6 +253,19 @@ def test_scores_on_captures_of_known_fabrics(model: Path, tmp_path: Path) -> Non
     assert list(scores) == ["hanging", "stretch", "hanging+stretch"]
     assert all(score.mae_log > 0 for rows in scores.values() for score in rows.values())
     assert len(markdown(scores).splitlines()) == 8
+
+
+def test_captures_of_unknown_fabrics_have_no_scores(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, out = make_capture_set(tmp_path / "set", {"f1": 0.2}), tmp_path / "scores.json"
+    arguments = [str(folder), "--model", str(model), "--out", str(out)]
+    monkeypatch.setattr(sys, "argv", [evaluate_captures.__name__, *arguments])
+    with pytest.raises(SystemExit) as ended:
+        evaluate_captures.main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and "states both parameters and density" in said
+    assert said.endswith("[no_known_fabrics]\n") and not out.exists()
 
 
 def test_what_lies_beside_a_model_is_not_lost(

@@ -57,7 +57,7 @@ def test_a_gram_for_a_kilogram_is_noticed() -> None:
 
 
 def test_vectors_and_files_that_are_no_fabric(tmp_path: Path) -> None:
-    refused(lambda: FabricParameters.from_array([1.0, 2.0]), "seven")
+    assert refused(lambda: FabricParameters.from_array([1.0, 2.0]), "seven").code == "bad_input"
     refused(lambda: FabricParameters.from_mapping({"density": 0.2}), "stretch_warp")
     refused(lambda: FabricParameters.load(tmp_path / "none.json"), "no such file")
     for text, word in (("{", "JSON"), ("[1]", "object"), ('{"density": "x"}', "lack")):
@@ -117,7 +117,8 @@ def test_scenes_and_set_ups() -> None:
     assert refused(lambda: Setup(Scene.STRETCH, pins_m=HANGING.pins_m), "bottom_right").code == "pins_missing"
     assert refused(lambda: HANGING.with_pins(middle=(0.0, 0.0, 0.0)), "and no middle").code == "pins_missing"
     for place in ((math.nan, 0.0, 0.0), (0.0, 0.0), (math.inf, 0.0, 0.0)):
-        refused(lambda place=place: HANGING.with_pins(top_left=place), "top_left")
+        error = refused(lambda place=place: HANGING.with_pins(top_left=place), "top_left", "three finite coordinates")
+        assert error.code == "pin_position"
 
 
 @pytest.mark.parametrize(
@@ -218,14 +219,16 @@ def test_a_start_from_another_mesh(solver: Solver, drapes: dict[tuple[str, Scene
 def test_a_start_that_is_no_drape(solver: Solver, drapes: dict[tuple[str, Scene], Drape]) -> None:
     good = drapes["medium", Scene.HANGING]
     broken = replace(good, vertices=np.full_like(good.vertices, np.nan))
-    refused(lambda: solver.solve(MEDIUM, HANGING, start=broken), "finite")
+    error = refused(lambda: solver.solve(MEDIUM, HANGING, start=broken), "finite", "start afresh")
+    assert error.code == "start_not_finite"
     short = replace(good, vertices=good.vertices[:-1])
-    refused(lambda: solver.solve(MEDIUM, HANGING, start=short), "vertices")
+    assert refused(lambda: solver.solve(MEDIUM, HANGING, start=short), "vertices").code == "mesh_mismatch"
 
 
 @pytest.mark.parametrize("limit", [-1.0, math.nan])
 def test_a_time_limit_that_is_none(limit: float, solver: Solver) -> None:
-    refused(lambda: solver.solve(MEDIUM, HANGING, time_limit_s=limit), "time")
+    error = refused(lambda: solver.solve(MEDIUM, HANGING, time_limit_s=limit), "time limit", "0 or more, or None")
+    assert error.code == "time_limit"
 
 
 def test_newton_ends_on_positions_that_are_not_finite() -> None:

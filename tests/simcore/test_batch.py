@@ -139,10 +139,12 @@ def test_block_cholesky_solves_what_the_level_assembles() -> None:
 
 def test_what_cannot_be_had_is_said_in_one_line() -> None:
     if not torch.cuda.is_available():
-        with pytest.raises(DrapemeterError, match="no CUDA device"):
+        with pytest.raises(DrapemeterError, match=r"no CUDA device.*or use arch cpu") as caught:
             BatchSolver(MESH, "cuda")
-    with pytest.raises(InputError, match="at least one"):
+        assert caught.value.code == "cuda_missing"
+    with pytest.raises(InputError, match="at least one sample, not 0") as refused:
         BatchSolver(MESH, "cpu", most=0)
+    assert refused.value.code == "batch_size"
     with pytest.raises(InputError, match="the mesh is for a sample"):
         BatchSolver(MESH, "cpu", most=1).solve(
             [Request(FABRICS["stiff"], Setup.nominal(Scene.HANGING, sample_size_m=(0.4, 0.4)))]

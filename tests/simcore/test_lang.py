@@ -38,5 +38,6 @@ def test_each_claim_is_another_folder_and_those_of_others_are_passed_over(
         raise PermissionError
 
     monkeypatch.setattr(Path, "mkdir", refuse)
-    with pytest.raises(MissingResourceError, match="DRAPEMETER_KERNEL_CACHE"):
+    with pytest.raises(MissingResourceError, match="DRAPEMETER_KERNEL_CACHE to a folder of your own") as caught:
         _claim(tmp_path)
+    assert caught.value.code == "kernel_cache"

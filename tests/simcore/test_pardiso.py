@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from importlib import metadata
+
 import numpy as np
 import pytest
 
+from simcore.errors import MissingResourceError
 from simcore.grid import Grid
-from simcore.pardiso import Factorisation
+from simcore.pardiso import Factorisation, _library
 
 PATTERN = Grid(7, 9, 0.01, 0.01).pattern
 INDPTR, INDICES = PATTERN.indptr, PATTERN.indices
@@ -51,6 +54,17 @@ def test_a_matrix_that_is_not_positive_is_told_and_leaves_nothing_behind(single:
     assert factorisation.factor(good) == 0
     right = np.ones(N)
     assert factorisation.solve(right) == pytest.approx(np.linalg.solve(whole, right), rel=1e-4)
+
+
+def test_without_mkl_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def absent(name: str) -> None:
+        raise metadata.PackageNotFoundError(name)
+
+    for files in (absent, lambda name: None, lambda name: []):
+        monkeypatch.setattr(metadata, "files", files)
+        with pytest.raises(MissingResourceError, match="oneMKL is not installed: pip install mkl") as caught:
+            _library.__wrapped__()  # what was found before is kept
+        assert caught.value.code == "mkl_missing"
 
 
 def test_memory_given_back_comes_again() -> None:

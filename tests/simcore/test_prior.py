@@ -123,6 +123,8 @@ def test_a_narrow_range_is_kept_to_or_refused() -> None:
     assert raised.value.code == "ranges_empty"
 
 
-def test_a_negative_index_is_refused() -> None:
-    with pytest.raises(InputError):
-        PRIOR.sample([-1])
+@pytest.mark.parametrize("indices", [[-1], [0, 2**30]])
+def test_an_index_outside_the_sequence_is_refused(indices: list[int]) -> None:
+    with pytest.raises(InputError, match=f"outside 0 to {2**30 - 1}") as raised:
+        PRIOR.sample(indices)
+    assert raised.value.code == "index_out_of_range"

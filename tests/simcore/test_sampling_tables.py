@@ -15,6 +15,7 @@ from simcore.prior import DEFAULT_RANGES, FabricPrior, is_admissible
 from simcore.sampling_tables import grid_levels, log_grid, read_fabric_list
 
 FABRICS = FabricPrior.default().sample(range(3))
+HEADER = ",".join(PARAMETER_NAMES) + "\n"
 
 
 def test_grid_is_full_even_and_inside_the_ranges() -> None:
@@ -28,8 +29,22 @@ def test_grid_is_full_even_and_inside_the_ranges() -> None:
 
 
 def test_an_empty_grid_is_refused() -> None:
-    with pytest.raises(InputError):
-        grid_levels(0)
+    for count in (0, -3):
+        with pytest.raises(InputError, match=f"a grid of {count} fabrics: give at least 1") as caught:
+            log_grid(DEFAULT_RANGES, count)
+        assert caught.value.code == "grid_size"
+
+
+def test_a_grid_without_a_plate_is_refused() -> None:
+    ranges = {
+        **DEFAULT_RANGES,
+        "bending_warp": (1e-4, 2e-4),
+        "bending_weft": (1e-6, 2e-6),
+        "bending_bias": (1e-6, 2e-6),
+    }
+    with pytest.raises(InputError, match=r"no fabric of the grid .*: widen the ranges") as caught:
+        log_grid(ranges, 200)
+    assert caught.value.code == "ranges_empty"
 
 
 def test_csv_and_json_lists_give_the_same_fabrics(tmp_path: Path) -> None:
@@ -50,28 +65,34 @@ def test_csv_and_json_lists_give_the_same_fabrics(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "message"),
+    ("name", "text", "message", "code"),
     [
-        ("a.csv", "stretch_warp,density\n1,2\n", "fabric 1: fabric parameters lack"),
+        ("a.csv", "stretch_warp,density\n1,2\n", "fabric 1: fabric parameters lack", "parameter_missing"),
         (
             "a.csv",
-            ",".join(PARAMETER_NAMES) + "\n" + "1,1,1,x,1e-5,1e-5,0.2\n",
+            HEADER + "1,1,1,x,1e-5,1e-5,0.2\n",
             "fabric 1: bending_warp must be a number",
+            "parameter_not_a_number",
         ),
-        ("a.csv", ",".join(PARAMETER_NAMES) + "\n" + "1,1,1,1e-5,1e-5,1e-5,0,2\n", "a point, not a comma"),
-        ("a.csv", ",".join(PARAMETER_NAMES) + "\n" + "1,1,1,1e-5,1e-5,1e-5,0_2\n", "density must be a number"),
-        ("a.csv", ",".join([*PARAMETER_NAMES, "density"]) + "\n1,1,1,1,1,1,1,2\n", "density occurs twice"),
-        ("a.csv", ",".join(PARAMETER_NAMES) + '\n"1' + ",2\n" * 100_000, "close every quotation mark"),
-        ("a.csv", "", "holds no fabric"),
-        ("a.json", "[1, 2]", "a list of fabrics"),
-        ("a.json", "{", "not valid JSON"),
-        ("a.json", "[]", "holds no fabric"),
+        ("a.csv", HEADER + "1,1,1,1e-5,1e-5,1e-5,0,2\n", "row 1 has 8 cells where the header has 7", "csv_cells"),
+        ("a.csv", HEADER + "1,1,1,1e-5,1e-5,1e-5,0,2\n", "a point, not a comma", "csv_cells"),
+        ("a.csv", HEADER + "1,1,1,1e-5,1e-5,1e-5,0_2\n", "density must be a number", "parameter_not_a_number"),
+        ("a.csv", "density," + HEADER + "1,1,1,1,1,1,1,2\n", "density occurs twice: leave one", "csv_column_twice"),
+        ("a.csv", HEADER + '"1' + ",2\n" * 100_000, "close every quotation mark", "csv_form"),
+        ("a.csv", HEADER + '"1', "close every quotation mark", "csv_form"),
+        ("a.csv", "", "holds no fabric", "list_empty"),
+        ("a.csv", HEADER, "holds no fabric", "list_empty"),
+        ("a.json", "[1, 2]", "a list of fabrics", "list_form"),
+        ("a.json", "{", "not valid JSON", "file_not_json"),
+        ("a.json", "[]", "holds no fabric", "list_empty"),
     ],
 )
-def test_bad_lists_name_the_place(tmp_path: Path, name: str, text: str, message: str) -> None:
+def test_bad_lists_name_the_place(tmp_path: Path, name: str, text: str, message: str, code: str) -> None:
     (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as caught:
         read_fabric_list(tmp_path / name)
+    assert caught.value.code == code
+    assert str(tmp_path / name) in str(caught.value)
 
 
 def test_a_missing_list_is_one_clear_line(tmp_path: Path) -> None:

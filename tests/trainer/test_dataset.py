@@ -107,5 +107,6 @@ def test_split_is_by_material_reproducible_and_covers() -> None:
     assert [len(small.train), len(small.calibration), len(small.test)] == [28, 8, 4]  # the tested share is as asked
     again = split_materials(materials[::-1], seed=5, train_share=0.8, calibration_share=0.1)
     assert np.array_equal(split.test, again.test)
-    with pytest.raises(InputError, match="larger store"):
-        split_materials(np.arange(4), seed=0, train_share=0.8, calibration_share=0.1)
+    with pytest.raises(InputError, match=r"pictures of 4 materials, at least 5 .*larger store") as caught:
+        split_materials(np.repeat(np.arange(4), 3), seed=0, train_share=0.8, calibration_share=0.1)
+    assert caught.value.code == "too_few_materials"

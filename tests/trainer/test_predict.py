@@ -137,8 +137,9 @@ def test_without_a_default_model_the_error_says_how_to_get_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: object
 ) -> None:
     monkeypatch.setattr(trainer.predict, "DEFAULT_MODEL", tmp_path)
-    with pytest.raises(MissingResourceError, match="drapemeter train --store"):
+    with pytest.raises(MissingResourceError, match=r"drapemeter train --store.*give --model") as caught:
         Estimator.load()
+    assert caught.value.code == "default_model_missing"
 
 
 def test_pixels_without_knowledge_are_background(estimator: Estimator, analytic_source: AnalyticSource) -> None:

@@ -39,8 +39,9 @@ def test_a_grey_picture_is_seen_as_the_colour_network_would(weights_folder: Path
 
 
 def test_a_narrow_trunk_cannot_take_them(weights_folder: Path) -> None:
-    with pytest.raises(InputError, match="trunk_width"):
+    with pytest.raises(InputError, match=r"this one has 256: set trunk_width to 1 or train from scratch") as caught:
         load_pretrained_trunk(ResNet18Trunk(1, width=0.5))
+    assert caught.value.code == "pretrained_width"
 
 
 def test_without_weights_the_error_names_the_ways_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,8 +23,10 @@ def test_an_ablation_needs_both_scenes(tmp_path: Path, monkeypatch: pytest.Monke
     store = made_up_store(tmp_path / "h.zarr", *small_sweep(materials=3, scenes=("hanging",)))
     monkeypatch.setattr(ablation, "run", lambda *given: pytest.fail("it began to train"))
     options = Namespace(store=str(store), out=tmp_path / "out", preset="quick", epochs=1, seed=0, pretrained=False)
-    with pytest.raises(InputError, match="lacks usable pictures of stretch"):
+    with pytest.raises(InputError, match="lacks usable pictures of stretch: the ablation compares both") as caught:
         ablation._run(options)
+    assert caught.value.code == "scene_missing"
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_file_in_the_place_of_results_is_told_beforehand(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -149,11 +149,15 @@ def test_what_the_store_says_of_itself_is_kept(store: Path) -> None:
 
 
 def test_no_store_and_an_empty_store(tmp_path: Path) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(InputError) as caught:
         StoreSource(tmp_path / "nothing.zarr").table()
+    assert caught.value.code == "store_missing"
     StoreWriter.create(tmp_path / "e.zarr", LAYOUT, configuration={}, seed=0, software_version="test")
-    with pytest.raises(InputError, match="not one usable picture"):
+    with pytest.raises(
+        InputError, match=r"not one usable picture in 18 rows; see `drapemeter dataset inspect`"
+    ) as caught:
         StoreSource(tmp_path / "e.zarr").table()
+    assert caught.value.code == "store_empty"
 
 
 @pytest.mark.slow

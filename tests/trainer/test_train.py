@@ -8,6 +8,7 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from trainer.config import NetworkConfig, TrainConfig
 from trainer.evaluate import Metrics
 from trainer.inference import extract_pairs
 from trainer.model import TrainedModel, load_model
-from trainer.presets import PRESETS
+from trainer.presets import PRESETS, preset_config
 from trainer.train import Progress, mirror_hanging, split_of, train
 
 from .analytic import AnalyticSource
@@ -86,8 +87,13 @@ def test_saving_replaces_models_and_nothing_else(tiny_model: TrainedModel, tmp_p
     other = tmp_path / "thesis"
     other.mkdir()
     (other / "chapter.txt").write_text("precious")
-    with pytest.raises(InputError, match="holds no model"):
+    with pytest.raises(InputError, match="holds no model: give another folder") as caught:
         tiny_model.save(other)
+    assert caught.value.code == "output_exists"
+    with pytest.raises(InputError, match="cannot be written") as caught:
+        tiny_model.save(other / "chapter.txt" / "model")
+    assert caught.value.code == "output_not_writable"
+    assert [path.name for path in other.iterdir()] == ["chapter.txt"]
     assert (other / "chapter.txt").read_text() == "precious"
 
 
@@ -108,6 +114,15 @@ def test_a_model_that_cannot_be_replaced_is_kept(
     assert caught.value.code == "model_not_written"
     new = Path(str(caught.value).split("the new model is in ")[1])
     assert load_model(tmp_path / "model").version == load_model(new).version == version
+
+
+def test_a_model_of_another_format_is_to_be_trained_again(tmp_path: Path) -> None:
+    (tmp_path / "weights.safetensors").touch()
+    for stated in ('{"format": "drapemeter-model/0"}', "{}"):
+        (tmp_path / "model.json").write_text(stated)
+        with pytest.raises(InputError, match=r"reads drapemeter-model/1: train it again") as caught:
+            load_model(tmp_path)
+        assert caught.value.code == "model_format"
 
 
 def test_damage_is_noticed(tiny_model: TrainedModel, tmp_path: Path) -> None:
@@ -135,16 +150,42 @@ def test_full_size_weights_stay_below_24_megabytes() -> None:
 def test_configurations_survive_json_and_are_checked() -> None:
     for config in PRESETS.values():
         assert TrainConfig.from_json(json.loads(json.dumps(config.to_json()))) == config
-    with pytest.raises(InputError, match="unknown fields momentum"):
-        TrainConfig.from_json({"momentum": 1})
-    with pytest.raises(InputError, match="'fast' is none of"):
-        TrainConfig.from_json({"inclinations": "fast"})
-    for bad in ({"epochs": 0}, {"train_share": 0.95}, {"learning_rate": -1.0}):
-        with pytest.raises(InputError):
-            TrainConfig(**bad)
-    for bad in ({"input_size": 100}, {"trunk_width": 9.0}, {"equalise": False}):
-        with pytest.raises(InputError):
-            NetworkConfig(**bad)
+
+
+@pytest.mark.parametrize(
+    ("bad", "code", "told"),
+    [
+        ({"momentum": 1}, "configuration_unknown_field", "unknown fields momentum: another version wrote it"),
+        ({"network": {"depth": 50}}, "configuration_unknown_field", "unknown fields depth"),
+        ({"inclinations": "fast"}, "configuration_value", "'fast' is none of upright, registered, as_seen"),
+        ({"network": {"targets": "linear"}}, "configuration_value", "'linear' is none of log, log_per_weight"),
+        ({"epochs": 0}, "training_length", "at least one epoch"),
+        ({"batch_size": 1}, "training_length", "a batch of two pictures"),
+        ({"train_share": 0.95}, "split_shares", "let them sum to less than 1"),
+        ({"train_share": math.nan}, "split_shares", "between 0 and 1"),
+        ({"calibration_share": 0.0}, "split_shares", "between 0 and 1"),
+        ({"seed": -1}, "training_numbers", "cannot be negative"),
+        ({"pictures_per_epoch": -5}, "training_numbers", "cannot be negative"),
+        ({"mirror": 1.5}, "mirror", "must be a share from 0 to 1"),
+        ({"learning_rate": -1.0}, "training_rate", "learning rate and threads must be positive"),
+        ({"learning_rate": math.nan}, "training_rate", "learning rate and threads must be positive"),
+        ({"threads": 0}, "training_rate", "threads must be positive"),
+        ({"workers": -1}, "training_rate", "workers not negative"),
+        ({"network": {"input_size": 100}}, "input_size", "32, 64, 128 or 256"),
+        ({"network": {"trunk_width": 9.0}}, "trunk_width", "from 0.05 to 2"),
+        ({"network": {"equalise": False}}, "no_channels", "switch on equalise or height_channel"),
+    ],
+)
+def test_configurations_without_meaning_are_refused(bad: dict[str, Any], code: str, told: str) -> None:
+    with pytest.raises(InputError, match=told) as caught:
+        TrainConfig.from_json(bad)
+    assert caught.value.code == code
+
+
+def test_a_preset_that_is_none_names_those_there_are() -> None:
+    with pytest.raises(InputError, match=r"'best': choose standard, paper, quick") as caught:
+        preset_config("best")
+    assert caught.value.code == "preset_unknown"
 
 
 def test_going_on_from_a_model(tiny_model: TrainedModel, tiny_config: TrainConfig) -> None:

@@ -1,0 +1,33 @@
+"""Where every fold state of a fabric has diverged there is none to hold against its capture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.scene import SimulationScene
+from diagnosis.simulation.base_state import nearest_state
+from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.simulation.simulator import KeyedDrape, Simulator
+from simcore.drape import Drape, DrapeStatus
+from simcore.errors import SimulationError
+from simcore.mesh import GridMesh
+from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
+
+FABRIC = FabricParameters(1000.0, 800.0, 300.0, 2e-5, 2e-5, 2e-5, 0.2)
+
+
+def test_a_fabric_none_of_whose_drapes_is_finite_is_told_with_the_reason(tmp_path: Path) -> None:
+    mesh = GridMesh(0.1)
+    lost = np.full((mesh.vertex_count, 3), np.nan)
+    drape = Drape(mesh, lost, DrapeStatus.DIVERGED, 1.0, 0.0, False, 3, 0.1, "forces grew without bound")
+    simulator, scene = Simulator(DrapeCache(tmp_path)), SimulationScene(Setup.nominal("hanging"))
+    picture = np.full((256, 256), 0.9, np.float32)
+    candidates = [KeyedDrape(drape, name) for name in ("one", "other")]
+    with pytest.raises(SimulationError, match="no drape of this fabric can be simulated: forces grew") as caught:
+        nearest_state(simulator, FABRIC, scene, picture, candidates)
+    assert caught.value.code == "diverged"
+    assert simulator.cost.simulations == 0 and not list(tmp_path.rglob("*.npz"))
