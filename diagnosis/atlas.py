@@ -28,7 +28,7 @@ from diagnosis.simulation.missed_folds import FURTHER_SEEDS
 from diagnosis.simulation.probes import PROBES
 from diagnosis.simulation.responses import are_at_hand
 from diagnosis.simulation.simulator import Cost, KeyedDrape
-from diagnosis.simulation.sizes import aside, nodes, shortcuts
+from diagnosis.simulation.sizes import aside, at_likeliest_places, nodes, shortcuts
 from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS, FabricTask
 from diagnosis.version import LED_VERSION, PIXELS_VERSION, RESPONSES_VERSION
 from renderer.atomic import write_atomically
@@ -183,7 +183,7 @@ def _variations(effects: Sequence[str], scene: str, pins: int) -> int:
 
 def _beside(effects: Sequence[str]) -> int:
     """Variations of a state with an effect on, beside which others are looked for."""
-    able = [get_effect(name) for name in effects if is_mechanical(get_effect(name))]
+    able = [at_likeliest_places(get_effect(name)) for name in effects if is_mechanical(get_effect(name))]
     return sum(len(nodes(effect)) - len(shortcuts(effect)) for effect in able)
 
 

@@ -10,6 +10,7 @@ from functools import partial
 from capture.capture_set import CaptureSet
 from diagnosis.afresh.alike import look_alike
 from diagnosis.afresh.beside import look_beside
+from diagnosis.afresh.between import look_between
 from diagnosis.afresh.found_pose import with_poses_found
 from diagnosis.afresh.fresh import FreshLook, Sized
 from diagnosis.afresh.further import look_further
@@ -262,6 +263,7 @@ class _Conclusion:
         looks = look_again(looks, weigh, scene, self.workers)
         looks = look_alike(looks, weigh, name, scene, self.workers)
         looks = look_further(looks, weigh, name, scene, self.workers)
+        looks = look_between(looks, weigh, name, scene, self.workers)
         likely = name([look.result for look in looks.values()])
         held = judge_grip(looks, likely, self.workers) if grip else None
         if held is not None and held.otherwise:

@@ -89,6 +89,19 @@ class Twin:
 
 
 @dataclass(frozen=True)
+class Between:
+    """A place that is not simulated beforehand: what an effect does there is about what it does at others, mixed.
+
+    Attributes:
+        place: its components.
+        shares: number of each of those others among the effect's ``places`` to its share; they sum to one.
+    """
+
+    place: Mapping[str, float]
+    shares: Mapping[int, float]
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue.
 
@@ -104,9 +117,11 @@ class Effect:
         vector: the components are those of a vector: a size below ``low`` in one of them is no contradiction, the
             whole vector's length is in the range.
         random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
-        places: further components, set together: where or which way; tried one after the other. The first one is the
-            default.
+        places: further components, set together: where or which way; simulated one after the other. The first one is
+            the default.
         odds: how probable the places are, relative to each other; nothing: all alike.
+        between: further places, each as probable as one of odds 1.
+        alike: correlation of what is learnt of it at one place with what holds at another; 0: each is by itself.
         anywhere: draws a place where the effect may really be, which the listed ones stand for; None: those alone.
         where: what the places' components say, in words, for the page of the catalogue.
         holds: the cloth rests wherever it was put and any capture fits; not looked at again, and no half of a pair.
@@ -138,6 +153,8 @@ class Effect:
     presses: int = 0
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
     odds: tuple[float, ...] = ()
+    between: tuple[Between, ...] = ()
+    alike: float = 0.0
     anywhere: Callable[[np.random.Generator], Mapping[str, float]] | None = field(default=None, repr=False)
     where: str = ""
 
@@ -177,12 +194,44 @@ class Effect:
             yield f"places: give their numbers other names than {', '.join(self.components)}"
         if self.odds and not (len(self.odds) == len(self.places) and all(0.0 < o < math.inf for o in self.odds)):
             yield f"odds: give {len(self.places)} positive numbers, one to each place"
+        if not 0.0 <= self.alike < 1.0:
+            yield f"alike={self.alike!r}: give 0 or more, less than 1"
+        yield from self._faults_between()
+
+    def _faults_between(self) -> Iterator[str]:
+        numbers = range(len(self.places))
+        for own in self.between:
+            if set(own.place) != set(self.places[0]):
+                yield "between: give places of the same names as the others"
+            elif not set(own.shares) <= set(numbers) or not math.isclose(sum(own.shares.values()), 1.0):
+                yield f"between: give shares that sum to one, of places 0 to {len(self.places) - 1}"
+            elif own.place in self.places:
+                yield "between: a place that is simulated needs no mixture of others"
 
     @property
     def place_shares(self) -> NDArray[np.float64]:
-        """How probable each place is, [places]."""
+        """How probable each place that is simulated is, [places]."""
         odds = np.array(self.odds or (1.0,) * len(self.places))
         return np.asarray(odds / odds.sum())
+
+    @property
+    def tried(self) -> tuple[Mapping[str, float], ...]:
+        """All places at which the effect may be found: those that are simulated, then those between them."""
+        return (*self.places, *(own.place for own in self.between))
+
+    @property
+    def tried_shares(self) -> NDArray[np.float64]:
+        """How probable each of them is, [tried]."""
+        odds = np.array([*(self.odds or (1.0,) * len(self.places)), *(1.0 for _ in self.between)])
+        return np.asarray(odds / odds.sum())
+
+    def number_of(self, size: Size) -> int:
+        """Which of :attr:`tried` a size is at.
+
+        Raises:
+            StopIteration: at none of them.
+        """
+        return next(n for n, place in enumerate(self.tried) if all(size[key] == at for key, at in place.items()))
 
     @property
     def moves_cloth(self) -> bool:
@@ -246,7 +295,7 @@ class Effect:
 
         Args:
             rng: random numbers.
-            listed: at one of the places that are tried, also where the effect may be elsewhere.
+            listed: at one of the places that are simulated, also where the effect may be elsewhere.
         """
         if not self.vector:
             if self.anywhere is None or listed:

@@ -70,7 +70,7 @@ def weights_of(effect: Effect, size: Mapping[str, float]) -> Array:
 
 
 def _place(effect: Effect, size: Mapping[str, float]) -> int:
-    for number, place in enumerate(effect.places):
+    for number, place in enumerate(effect.tried):
         if all(size.get(key, value) == value for key, value in place.items()):
             return number
     return 0
@@ -82,7 +82,7 @@ def leftover(signature: Signature, target: Array, other: Effect) -> float:
     if other.vector:
         columns = signature.rows(other, 0, np.eye(2 * len(other.components)))
         return min(best, float(nnls(columns.T, target)[1] ** 2))
-    for place in range(len(other.places)):
+    for place in range(len(other.tried)):
         rows = signature.rows(other, place, interpolation(other, grid(other)))
         best = min(best, float(np.min(np.sum((target - rows) ** 2, axis=1))))
     return best

@@ -46,13 +46,14 @@ def look_beside(
 def _measured(look: FreshLook, capture: CaptureResult, first: Sized) -> CaptureResult:
     """With the responses of all others beside an effect of some size; as it was where that does not come to rest."""
     name, size = first
-    known = [old for old in look.sizes.get(name, []) if alike(size, old, get_effect(name))]
-    on = (name, known[-1] if known else size)
+    seen = [old for old in look.sizes.get(name, []) if alike(size, old, get_effect(name))]
+    on = (name, seen[-1] if seen else size)
     state = look.drape(capture, [on])
     if not state.drape.ok:
         return capture
-    able = [other for other in capture.responses.effects if is_mechanical(get_effect(other))]
-    seconds = [other for other in able if other not in group_of(name)]
+    known = capture.responses.effects
+    able = [other for other in known if is_mechanical(get_effect(other))]
+    seconds = {other: known[other] for other in able if other not in group_of(name)}
     found = responses_with(look.simulator, look.result.task.parameters, look.seen(capture, [on]), state, seconds)
     look.beside[capture.id] = {(second, name): rows for second, rows in found.items()}
     beside = {**capture.responses.beside, **look.beside[capture.id]}

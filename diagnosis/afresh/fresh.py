@@ -24,7 +24,7 @@ from diagnosis.simulation.drape_cache import drape_key
 from diagnosis.simulation.pose_error import pose_responses
 from diagnosis.simulation.responses import Responses
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
-from diagnosis.simulation.sizes import node_weights, vector_step
+from diagnosis.simulation.sizes import node_values, node_weights, vector_step
 from diagnosis.simulation.state_library import StateLibrary
 from diagnosis.simulation.variations import clean
 from diagnosis.tasks.fabric_task import (
@@ -387,9 +387,20 @@ def bend(effect: Effect, rows: Array, known: Sequence[tuple[Mapping[str, float],
         rows: at its nodes, [nodes, D].
         known: sizes with the outcome there, [D]; one is met exactly, several but for :data:`SLACK`, or
             :data:`SLACK_OF_PICTURES`.
+
+    Where an effect does much alike at its places, what is learnt at one holds at the others as well, nearly.
     """
     weights = np.stack([node_weights(effect, size) for size, _ in known])
     missing = np.stack([wanted for _, wanted in known]) - weights @ rows
     relative = SLACK if effect.moves_cloth else SLACK_OF_PICTURES
     slack = relative * np.eye(len(known)) if len(known) > 1 else np.zeros((1, 1))
-    return np.asarray(rows + weights.T @ np.linalg.solve(weights @ weights.T + slack, missing))
+    reached = weights @ _covariance(effect)
+    return np.asarray(rows + reached.T @ np.linalg.solve(reached @ weights.T + slack, missing))
+
+
+def _covariance(effect: Effect) -> Array:
+    """Of what is not known about the responses at an effect's nodes, [nodes, nodes], its diagonal one."""
+    places = len(effect.tried)
+    alike = (1.0 - effect.alike) * np.eye(places) + effect.alike
+    count = 2 * len(effect.components) if effect.vector else len(node_values(effect))
+    return np.asarray(np.kron(alike, np.eye(count)))

@@ -218,7 +218,7 @@ def is_sealed(folder: Path) -> bool:
     """A case is whole: its document, which is written last, holds the label's hash."""
     try:
         return "label_sha256" in json.loads((folder / CAPTURES_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, TypeError):
         return False
 
 

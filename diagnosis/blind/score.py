@@ -21,9 +21,10 @@ from diagnosis.blind.baselines import BASELINES, baseline_answers
 from diagnosis.blind.claims import Claims, alone
 from diagnosis.blind.classifier import Classifier, example_parts, features
 from diagnosis.blind.make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, MANIFEST_KEYS, case_name, is_sealed
+from diagnosis.blind.places import is_its_place
 from diagnosis.blind.verify import verify
 from diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
-from diagnosis.effects import catalogue
+from diagnosis.effects import catalogue, get_effect
 from diagnosis.groups import group_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.version import MODEL_VERSION
@@ -34,9 +35,9 @@ REPORTS_FOLDER = "reports"
 EXAMPLES_FOLDER = "examples"
 CONFIDENT = 0.8
 LEAST_FRACTION = 0.1
+"""A true effect that closes less of the gap says nothing about how much a found one should."""
 CAPTURES_CANNOT_BE_USED = ("cloth_not_found", "cloth_not_seen", "nothing_in_view", "pins_not_found")
 """Codes of errors that one case's pictures are to blame for."""
-"""A true effect that closes less of the gap says nothing about how much a found one should."""
 
 
 @dataclass(frozen=True)
@@ -258,7 +259,7 @@ def open_label(out: Path, name: str, cache: DrapeCache) -> Answer:
     try:
         sealed = (out / LABELS_FOLDER / f"{name}.json").read_bytes()
         stated = json.loads((out / name / CAPTURES_FILE).read_text(encoding="utf-8"))["label_sha256"]
-    except (OSError, ValueError, KeyError):
+    except (OSError, ValueError, KeyError, TypeError):
         raise InputError(f"{out}: the label of {name} or its hash is missing", code="blind_label_missing") from None
     if hashlib.sha256(sealed).hexdigest() != stated:
         raise InputError(f"{out}: the label of {name} is not the one that was sealed", code="blind_label_changed")
@@ -304,6 +305,7 @@ class Score:
     withheld_misnamed: Share
     one_of_two: Share
     both_of_two: Share
+    place_right: Share
     magnitude_inside: Share
     magnitude_error: float
     shrinkage: float
@@ -323,6 +325,7 @@ def score(answers: Sequence[Answer]) -> Score:
     wrong, two, withheld = (by_kind.get(k, []) for k in ("wrong_parameter", "two", "withheld"))
     right = [a for a in named if same(a.top, a.truth[0])]
     sizes = [_magnitude(a) for a in right if a.top == a.truth[0]]
+    placed = [found for found in (_is_placed(a) for a in right if a.top == a.truth[0]) if found is not None]
     fractions = [a.report["shrinkage"]["fraction"] for a in right if a.report["shrinkage"]]
     controls = [a.report["shrinkage"]["control"]["fraction"] for a in right if a.report["shrinkage"]]
     checked = [a.report["verified"] for a in named if a.report.get("verified")]
@@ -345,6 +348,7 @@ def score(answers: Sequence[Answer]) -> Score:
         ),
         one_of_two=Share(sum(any(same(a.top, t) for t in a.truth) for a in two), len(two)),
         both_of_two=Share(sum(all(any(same(n, t) for n in a.named) for t in a.truth) for a in two), len(two)),
+        place_right=Share(sum(placed), len(placed)),
         magnitude_inside=Share(sum(inside for _, inside in sizes), len(sizes)),
         magnitude_error=float(np.median([error for error, _ in sizes])) if sizes else float("nan"),
         shrinkage=_median(fractions),
@@ -383,6 +387,15 @@ def _magnitude(answer: Answer) -> tuple[float, bool]:
         return float(np.linalg.norm(a - b) / np.linalg.norm(a)), inside
     low, high = found["interval_90"]
     return abs(found["magnitude"] - truth) / abs(truth), low <= truth <= high
+
+
+def _is_placed(answer: Answer) -> bool | None:
+    """Whether the named effect was found beside where it is; None where that says nothing of it."""
+    name = answer.truth[0]
+    found = next(e for e in answer.report["cause"]["effects"] if e["name"] == name).get("place")
+    if not found or not get_effect(name).between:
+        return None
+    return is_its_place(name, answer.label["effects"][0]["place"], found)
 
 
 def _calibration(answers: Sequence[Answer]) -> tuple[tuple[float, float, int, float], ...]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from capture.capture_set import CaptureSet
 from diagnosis.afresh.fresh import FreshLook, Sized
+from diagnosis.blind.places import at_a_tried_place
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.extension import SimulatorExtension
@@ -108,7 +109,8 @@ def closed(
     if in_numbers:
         pixels = make_pixel_block([c for r in results for c in r.captures], noise)
         before = numbers_left(pixels, [])
-        return [fraction_of(np.array([[before, numbers_left(pixels, one), 1.0]])) for one in explanations]
+        tried = [[(name, at_a_tried_place(name, size)) for name, size in one] for one in explanations]
+        return [fraction_of(np.array([[before, numbers_left(pixels, one), 1.0]])) for one in tried]
     looks = {r.task.id: FreshLook(Simulator(cache), r) for r in results}
     blocks = [make_block(r.captures, r.task.relative_sigma, noise) for r in results]
     shares = []

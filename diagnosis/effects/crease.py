@@ -6,13 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+from diagnosis.effect import SCALAR, Between, Effect, Size, Stage, scalar
 from diagnosis.scene import SimulationScene
 from simcore.mechanics import Crease
 
 POSITIONS = (0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8)
-"""Lines that are tried, either way; one between two of them is found at one of them, or is unknown."""
-MIDDLE = 6.0
+"""Lines that are simulated, either way."""
+BETWEEN = (0.25, 0.35, 0.45, 0.55, 0.65, 0.75)
+"""Lines between two of them."""
+MIDDLE = 12.0
 """How much more probable a fold in the middle is than one at any other line: half of all."""
 
 
@@ -28,6 +30,14 @@ def anywhere(rng: np.random.Generator) -> Mapping[str, float]:
     return {"down": float(rng.integers(2)), "position": position}
 
 
+def between(position: float, down: float) -> Between:
+    """What a fold does is about the mean of what those half a tenth of the sample to either side do."""
+    neighbours = [PLACES.index({"down": down, "position": round(position + way, 2)}) for way in (-0.05, 0.05)]
+    return Between({"down": down, "position": position}, dict.fromkeys(neighbours, 0.5))
+
+
+PLACES = tuple({"down": down, "position": position} for position in POSITIONS for down in (1.0, 0.0))
+
 EFFECT = Effect(
     name="crease",
     stage=Stage.FABRIC,
@@ -37,8 +47,9 @@ EFFECT = Effect(
     hook="mechanics.rest_curvature",
     source="Samples that come folded by post.",
     change=change,
-    places=tuple({"down": down, "position": position} for position in POSITIONS for down in (1.0, 0.0)),
-    odds=tuple(MIDDLE if position == 0.5 else 1.0 for position in POSITIONS for _ in range(2)),
+    places=PLACES,
+    odds=tuple(MIDDLE if place["position"] == 0.5 else 1.0 for place in PLACES),
+    between=tuple(between(position, down) for position in BETWEEN for down in (1.0, 0.0)),
     anywhere=anywhere,
     where="`down` 1: a line from top to bottom, `position` from the left as a share of the width; "
     "`down` 0: a line from side to side, `position` from the top as a share of the height",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -54,6 +54,7 @@ class Evidence:
         usual: the most probable of the sizes inside the effect's range.
         usual_evidence: log evidence of those alone.
         interval_90: of the components that have a prior; all of a vector's lie inside theirs with 90 %.
+        at_places: of an effect on a grid of sizes, the most probable one at each of its tried places.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Evidence:
     usual: dict[str, float]
     usual_evidence: float
     interval_90: dict[str, tuple[float, float]]
+    at_places: tuple[dict[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,12 @@ class Table:
         name: effect, ``none`` or ``unknown``.
         blocks: of each block, [s].
         pixels: of the pixel statistics, [s].
-        prior: log weights that sum to one (or, for a vector, its Laplace factor), [s].
+        prior: log weights of the sizes at each place (or, for a vector, its Laplace factor), [s].
         sizes: by component, one entry an ``s``.
         sigma: of a vector's components.
         share: relative error of the size that all captures share.
-        hold: log probabilities of what else is averaged over, [s].
+        hold: log probabilities of what else is averaged over: places, and how magnets hold, [s].
+        at_place: so many rows in turn are of one place; 0: the effect is not on a grid of sizes.
     """
 
     name: str
@@ -89,12 +92,17 @@ class Table:
     sigma: dict[str, float] = field(default_factory=dict)
     share: float = 0.0
     hold: Array | float = 0.0
+    at_place: int = 0
 
     def values(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> list[float]:
         """Log likelihood of each block at the most probable size."""
         total, _ = combine(blocks, self.blocks, best, model)
         top = int(np.argmax(total + self.pixels + self.prior + self.hold))
         return [float(values[top]) for values in self.blocks]
+
+    def chance(self, size: Mapping[str, float]) -> float:
+        """Log probability beforehand of one of the sizes, its place included."""
+        return float((self.prior + self.hold)[self.sizes.index(dict(size))])
 
     def weigh(self, blocks: Sequence[Block], best: Sequence[float], model: LikelihoodModel) -> Evidence:
         """Combine blocks, marginalise the size."""
@@ -120,7 +128,16 @@ class Table:
             interval = {}
         by_fabric = {key: float(value[top]) for key, value in fabrics.items()}
         reached = float(likelihood[top])
-        return Evidence(self.name, evidence, reached, by_fabric, size, usual, usual_evidence, interval)
+        there = self._at_places(posterior)
+        return Evidence(self.name, evidence, reached, by_fabric, size, usual, usual_evidence, interval, there)
+
+    def _at_places(self, posterior: Array) -> tuple[dict[str, float], ...]:
+        """The most probable size at each place, however magnets hold."""
+        if not self.at_place:
+            return ()
+        count = len(get_effect(self.name).tried)
+        best = posterior.reshape(-1, count, self.at_place).max(axis=0).argmax(axis=1)
+        return tuple(self.sizes[place * self.at_place + int(row)] for place, row in enumerate(best))
 
 
 def tabulate(
@@ -216,7 +233,7 @@ def _tabulate_scalar(
     """On a grid of sizes and over the effect's places; each block's response is of one of several forms."""
     sizes = grid(effect)
     weights = [interpolation(effect, sizes)] if as_simulated else response_forms(effect, sizes)
-    places = len(effect.places)
+    places = len(effect.tried)
     own = [np.asarray(np.kron(np.eye(places), form)) for form in weights]
     values = []
     of_all = _of_blocks(blocks, effect.name, np.concatenate(own), model).reshape(len(blocks), len(own), -1)
@@ -230,8 +247,10 @@ def _tabulate_scalar(
         effect.name,
         tuple(values),
         pixel_log_likelihood(pixels, seen, model, pixels.vagueness(effect.name)),
-        np.add.outer(np.log(effect.place_shares), log_prior(effect, sizes)).ravel(),
-        tuple({SCALAR: float(size)} | dict(place) for place in effect.places for size in sizes),
+        np.tile(log_prior(effect, sizes), places),
+        tuple({SCALAR: float(size)} | dict(place) for place in effect.tried for size in sizes),
+        hold=np.repeat(np.log(effect.tried_shares), len(sizes)),
+        at_place=len(sizes),
     )
 
 

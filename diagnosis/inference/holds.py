@@ -58,7 +58,9 @@ def over_holds(same: Sequence[Table], weights: Array) -> Table:
         pixels=np.concatenate([table.pixels for table in same]),
         prior=np.concatenate([table.prior for table in same]),
         sizes=tuple(size for table in same for size in table.sizes),
-        hold=np.repeat(weights, [len(table.sizes) for table in same]),
+        hold=np.concatenate(
+            [table.hold + np.full(len(table.sizes), w) for table, w in zip(same, weights, strict=True)]
+        ),
     )
 
 

@@ -171,13 +171,13 @@ def _pairs(
     found, seen = [], set()
     for first in first_names:
         size: Mapping[str, float] = evidence[first].size
-        occam = evidence[first].log_evidence - evidence[first].best
         scatters = get_effect(first).random_repeats
         wider = with_scatter(blocks, first, size) if scatters else None
         for second in effects:
             if second in group_of(first) or frozenset({first, second}) in seen:
                 continue
             seen.add(frozenset({first, second}))
+            occam = evidence[first].log_evidence - evidence[first].best
             own = wider or [together(block, first, second) for block in blocks]
             seen_with = pixels_together(pixels, first, second)
             table = _given(second, first, size, own, seen_with, model, nothing)
@@ -186,6 +186,8 @@ def _pairs(
             if not any(get_effect(name).random_repeats for name in (first, second)):
                 back = _given(first, second, sizes[second], own, seen_with, model, nothing)
                 sizes[first] = back.weigh(blocks, [float(v.max()) for v in back.blocks], model).size
+                if not get_effect(first).vector:  # at another place or size, which may be less probable
+                    occam += back.chance(sizes[first]) - back.chance(size)
                 table = _given(second, first, sizes[first], own, seen_with, model, nothing)
                 sizes[second] = table.weigh(blocks, [float(v.max()) for v in table.blocks], model).size
             found.append((first, sizes, replace(table, prior=table.prior + occam)))

@@ -41,7 +41,7 @@ def responses_at_place(responses: Mapping[str, Array], name: str, size: Mapping[
     effect = get_effect(name)
     if effect.vector:
         return responses[name]
-    here = [all(size[key] == value for key, value in place.items()) for place in effect.places].index(True)
+    here = effect.number_of(size)
     count = len(node_values(effect))
     return responses[name][here * count : (here + 1) * count]
 

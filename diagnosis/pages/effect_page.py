@@ -133,7 +133,7 @@ def _places(effect: Effect) -> str:
     """Where or which way, in words; nothing where there is no choice."""
     if not effect.places[0]:
         return ""
-    tried = [",".join(f"{key}:{value:g}" for key, value in place.items()) for place in effect.places]
+    tried = [",".join(f"{key}:{value:g}" for key, value in place.items()) for place in effect.tried]
     last = f"{effect.name}={SCALAR}:{_middle(effect)},{tried[-1]}"
     return f"Place: {effect.where}. Tried: {', '.join(f'`{place}`' for place in tried)}; the last in full: `{last}`. "
 

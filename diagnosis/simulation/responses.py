@@ -17,7 +17,7 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache, content_key
 from diagnosis.simulation.probes import probed
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
-from diagnosis.simulation.sizes import aside, nodes
+from diagnosis.simulation.sizes import aside, at_all_places, at_likeliest_places, node_values, nodes
 from diagnosis.simulation.state_library import StateLibrary, vertex_rms
 from diagnosis.simulation.variations import Variations, is_mended, on_own_cells, sensed
 from diagnosis.version import PIXELS_VERSION, RESPONSES_VERSION
@@ -39,7 +39,8 @@ class Responses:
         pins: for a move of one metre of each pin along x and along y, [2 * pins, D].
         grip: from what the stated magnets hold to a point, or from a point to a patch, [D].
         mesh: from the fine mesh to one of twice the cell, [D]; zero where both are the same.
-        effects: effect name to the change of (vector [nodes, D], pixel statistics [nodes, P]) at each of its nodes.
+        effects: effect name to the change of (vector [nodes, D], pixel statistics [nodes, P]) at each of its nodes, of
+            all places where it is tried.
         sensed: pixel statistics that the stated sensor gives on the state, [P].
         beside: (effect, other) to the same of the effect where the other one, at some size, is there, too.
         probes: by family, changes by what :mod:`diagnosis.simulation.probes` puts on the cloth, [probes, D]; empty
@@ -80,13 +81,14 @@ def find_responses(
     kept = {}
     for name in effects:
         effect = get_effect(name)
-        kept[name] = simulator.kept(_effect_key(effect, state, scene), partial(look.effect, effect))
+        rows = simulator.kept(_effect_key(effect, state, scene), partial(look.effect, effect))
+        kept[name] = _everywhere(effect, rows)
     return Responses(
         common["parameters"],
         common["pins"],
         simulator.kept(_key("grip", state, scene), look.grip)["grip"],
         common["mesh"],
-        {name: (rows["vector"], rows["pixels"]) for name, rows in kept.items()},
+        kept,
         look.sensed.pixels,
     )
 
@@ -126,7 +128,11 @@ def _lender(simulator: Simulator, fabric: FabricParameters, scene: SimulationSce
 
 
 def responses_with(
-    simulator: Simulator, fabric: FabricParameters, scene: SimulationScene, state: KeyedDrape, effects: Sequence[str]
+    simulator: Simulator,
+    fabric: FabricParameters,
+    scene: SimulationScene,
+    state: KeyedDrape,
+    without: Mapping[str, tuple[Array, Array]],
 ) -> dict[str, tuple[Array, Array]]:
     """What effects change where others are on already, at few sizes: (vector [nodes, D], pixel statistics [nodes, P]).
 
@@ -135,16 +141,33 @@ def responses_with(
         fabric: of the state.
         scene: with the others on.
         state: the fold state with them on, on the fine mesh.
-        effects: names.
+        without: what each effect changes where the others are not: at its less probable places, which are many, that
+            is taken.
     """
     picture, reference = picture_of(state.drape, scene), make_reference(state.drape, scene)
     look = Variations(simulator, fabric, scene, state, picture, reference, sparing=True)
     found = {}
-    for name in effects:
-        key = content_key(few=True, full=_effect_key(get_effect(name), state, scene))
-        rows = simulator.kept(key, partial(look.effect, get_effect(name)))
-        found[name] = (rows["vector"], rows["pixels"])
+    for name, known in without.items():
+        effect = at_likeliest_places(get_effect(name))
+        key = content_key(few=True, full=_effect_key(effect, state, scene))
+        own = _everywhere(effect, simulator.kept(key, partial(look.effect, effect)))
+        found[name] = own if effect is get_effect(name) else _at_likeliest(get_effect(name), own, known)
     return found
+
+
+def _at_likeliest(effect: Effect, own: tuple[Array, Array], known: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Rows at all places, those of the likeliest ones replaced."""
+    places = [effect.tried.index(place) for place in at_likeliest_places(effect).places]
+    count = len(node_values(effect))
+    nodes_there = np.concatenate([np.arange(place * count, (place + 1) * count) for place in places])
+    vector, pixels = (rows.copy() for rows in known)
+    vector[nodes_there], pixels[nodes_there] = own
+    return vector, pixels
+
+
+def _everywhere(effect: Effect, rows: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Responses (vector, pixel statistics) of an effect at all places where it is tried."""
+    return at_all_places(effect, rows["vector"]), at_all_places(effect, rows["pixels"])
 
 
 def probe_responses(

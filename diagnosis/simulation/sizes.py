@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -34,7 +35,7 @@ def node_values(effect: Effect) -> list[float]:
 
 
 def nodes(effect: Effect) -> list[dict[str, float]]:
-    """Sizes to simulate, place by place.
+    """Sizes to simulate, place by place; those between them are mixed (:func:`at_all_places`).
 
     A vector: each component alone, at the length that is typical, first all forward, then all backward (a picture that
     is shifted shows other cells beside the cloth on either side); in each direction it is taken as linear.
@@ -74,6 +75,32 @@ def aside(effect: Effect) -> frozenset[int]:
     """Nodes at places that are less probable than others: many, so half sizes alone are simulated of them."""
     shares = np.repeat(effect.place_shares, len(nodes(effect)) // len(effect.places))
     return frozenset(np.flatnonzero(shares < shares.max()).tolist())
+
+
+def at_likeliest_places(effect: Effect) -> Effect:
+    """The effect at its likeliest places alone; itself where no place is less probable than another."""
+    if not aside(effect):
+        return effect
+    shares = effect.place_shares
+    places = tuple(place for place, share in zip(effect.places, shares, strict=True) if share == shares.max())
+    return replace(effect, places=places, odds=(), between=())
+
+
+def at_all_places(effect: Effect, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Responses at all places where an effect is tried, from those at the places that are simulated.
+
+    Args:
+        effect: whose.
+        rows: at :func:`nodes`, [nodes, n].
+
+    Returns:
+        The same, followed by those between them, place by place, [nodes of all tried places, n].
+    """
+    if not effect.between:
+        return rows
+    by_place = rows.reshape(len(effect.places), -1, rows.shape[1])
+    mixed = [sum(share * by_place[number] for number, share in own.shares.items()) for own in effect.between]
+    return np.concatenate([rows, *mixed])
 
 
 def vector_step(effect: Effect) -> float:
@@ -162,12 +189,12 @@ def response_forms(effect: Effect, sizes: NDArray[np.float64]) -> list[NDArray[n
 
 
 def node_weights(effect: Effect, size: Mapping[str, float]) -> NDArray[np.float64]:
-    """Weights of all nodes (of all places) that give the response at a size, [nodes]."""
+    """Weights of all nodes (of all tried places) that give the response at a size, [nodes]."""
     if effect.vector:
         share = np.array([size[c] for c in effect.components]) / vector_step(effect)
         return np.concatenate([np.maximum(share, 0.0), np.maximum(-share, 0.0)])
     own = interpolation(effect, np.array([size[SCALAR]]))[0]
-    place = next(n for n, p in enumerate(effect.places) if all(size[key] == value for key, value in p.items()))
-    weights = np.zeros(len(own) * len(effect.places))
+    place = effect.number_of(size)
+    weights = np.zeros(len(own) * len(effect.tried))
     weights[place * len(own) : (place + 1) * len(own)] = own
     return weights

@@ -186,7 +186,10 @@ class Variations:
                 larger.setdefault(half, []).append(number)
         for half, numbers in larger.items():
             changed = effect.apply(self.scene, nodes(effect)[half])
-            otherwise = self.on_fine_cells.change(self.fabric, changed) - rows[half][0]
+            fine = self.on_fine_cells.change(self.fabric, changed)
+            if not fine.any():  # it diverged there: coarse cells alone say something
+                continue
+            otherwise = fine - rows[half][0]
             for number in (half, *numbers):
                 rows[number] = (rows[number][0] + otherwise, rows[number][1])
 

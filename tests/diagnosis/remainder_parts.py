@@ -13,7 +13,8 @@ from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.changes import line_forms, rim_forms
 from diagnosis.inference.smooth_modes import smooth_modes
 from diagnosis.measurement.reference import CELLS
-from diagnosis.simulation.sizes import node_weights, nodes
+from diagnosis.simulation.sizes import at_all_places, node_weights, nodes
+from tests.diagnosis.response_rows import still_rows
 
 EFFECTS = ("air_draft", "crease")
 COUNT = CELLS * CELLS
@@ -29,7 +30,7 @@ def linear_responses(name: str, rng: np.random.Generator) -> np.ndarray:
     others = np.random.default_rng([likeliest, len(effect.places)])  # what is drawn next is the same for any number
     forms = np.concatenate([forms, 6.0 * others.standard_normal((len(effect.places) - likeliest, COUNT))])
     sizes = np.array([node[SCALAR] for node in nodes(effect)])
-    return sizes[:, None] * np.repeat(forms, len(sizes) // len(forms), axis=0)
+    return at_all_places(effect, sizes[:, None] * np.repeat(forms, len(sizes) // len(forms), axis=0))
 
 
 def fabrics(
@@ -74,5 +75,5 @@ def fabrics(
 
 
 def quiet(numbers: int = 1) -> PixelBlock:
-    rows = {n: np.zeros((len(nodes(get_effect(n))), numbers)) for n in EFFECTS}
+    rows = {n: still_rows(n, numbers) for n in EFFECTS}
     return PixelBlock(np.zeros(numbers), rows, sensor_known=False)

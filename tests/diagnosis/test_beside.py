@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
@@ -24,11 +24,12 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.responses import Responses, find_responses, responses_with
 from diagnosis.simulation.simulator import Simulator
-from diagnosis.simulation.sizes import nodes
+from diagnosis.simulation.sizes import node_values, nodes
 from diagnosis.tasks.fabric_task import BASE_JITTER
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
+from tests.diagnosis.response_rows import random_rows, still_rows
 
 TILT = {SCALAR: 8.0}
 NAMES = ("panel_tilt", "air_draft", "crease", "panel_friction", "camera_rotation", "bending_hysteresis", "dropout")
@@ -76,7 +77,7 @@ class Look(FreshLook):
 
 
 def look_of(*captures: tuple[str, str]) -> Look:
-    rows = {n: (np.zeros((len(nodes(get_effect(n))), 3)), np.zeros((1, 1))) for n in NAMES}
+    rows = {n: (still_rows(n, 3), np.zeros((1, 1))) for n in NAMES}
     known = {("dropout", "quantisation"): (np.ones((1, 3)), np.ones((1, 1)))}
     responses = Responses(np.zeros((7, 3)), np.zeros((8, 3)), np.zeros(3), np.zeros(3), rows, np.zeros(1), known)
     simulator: Any = None
@@ -91,9 +92,9 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
     """What responses were asked for; each is all ones."""
     asked: list[tuple[Any, ...]] = []
 
-    def responses(simulator: Any, fabric: Any, scene: SimulationScene, state: Any, effects: Sequence[str]) -> Any:
-        asked.append((fabric, scene, list(effects)))
-        return {name: (np.ones((len(nodes(get_effect(name))), 3)), np.zeros((1, 1))) for name in effects}
+    def responses(simulator: Any, fabric: Any, scene: SimulationScene, state: Any, without: Mapping[str, Any]) -> Any:
+        asked.append((fabric, scene, list(without)))
+        return {name: (np.ones_like(rows), pixels) for name, (rows, pixels) in without.items()}
 
     monkeypatch.setattr(beside, "responses_with", responses)
     return asked
@@ -162,7 +163,8 @@ def test_a_draft_beside_a_strong_one_moves_the_cloth_by_what_both_change_more_th
     fabric, mesh = FabricParameters(1000.0, 800.0, 300.0, 1.5e-5, 1.5e-5, 1.5e-5, 0.2), GridMesh(0.02)
     scene = with_effects(SimulationScene(Setup.nominal("stretch")), [("panel_adhesion", {SCALAR: 1.0})])
     state = simulator.put_up(mesh, fabric, scene, 0, BASE_JITTER)
-    found = responses_with(simulator, fabric, scene, state, ["air_draft"])["air_draft"][0]
+    unused = {"air_draft": (still_rows("air_draft"), still_rows("air_draft"))}  # all of its places are as probable
+    found = responses_with(simulator, fabric, scene, state, unused)["air_draft"][0]
     draft = get_effect("air_draft")
     sizes = [size[SCALAR] for size in nodes(draft)]
     weak = sizes.index(min(size for size in sizes if size > 0.0))
@@ -179,8 +181,28 @@ def test_a_draft_beside_a_strong_one_moves_the_cloth_by_what_both_change_more_th
     strong = sizes.index(max(sizes))
     np.testing.assert_allclose(found[strong], 2.0 * found[weak])  # not simulated: in proportion
     before = simulator.cost.simulations
-    responses_with(simulator, fabric, scene, state, ["air_draft"])
+    responses_with(simulator, fabric, scene, state, unused)
     assert simulator.cost.simulations == before
     picture = picture_of(state.drape, scene)
     full = find_responses(simulator, fabric, scene, state, ["air_draft"], picture, make_reference(state.drape, scene))
     assert not np.allclose(full.effects["air_draft"][0][strong], 2.0 * full.effects["air_draft"][0][weak])
+
+
+def test_less_probable_places_beside_another_effect_are_taken_from_what_is_known_without_it(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    simulator = Simulator(DrapeCache(tmp_path_factory.mktemp("drapes")))
+    fabric, mesh = FabricParameters(1000.0, 800.0, 300.0, 1.5e-5, 1.5e-5, 1.5e-5, 0.2), GridMesh(0.05)
+    scene = with_effects(SimulationScene(Setup.nominal("stretch")), [("air_draft", {SCALAR: 0.2})])
+    state, crease = simulator.put_up(mesh, fabric, scene, 0, BASE_JITTER), get_effect("crease")
+    picture = picture_of(state.drape, scene)
+    seen = find_responses(simulator, fabric, scene, state, [], picture, make_reference(state.drape, scene))
+    rng = np.random.default_rng(3)
+    known = random_rows(rng, "crease", 1.0, seen.mesh.size), random_rows(rng, "crease", 1.0, seen.sensed.size)
+    before = simulator.cost.simulations
+    vector, pixels = responses_with(simulator, fabric, scene, state, {"crease": known})["crease"]
+    middle = np.repeat([place["position"] == 0.5 for place in crease.tried], len(node_values(crease)))
+    assert simulator.cost.simulations == before + 4  # half sizes of either sign, down and across
+    np.testing.assert_array_equal(vector[~middle], known[0][~middle])
+    np.testing.assert_array_equal(pixels[~middle], known[1][~middle])
+    assert (pixels[middle] == 0.0).all() and np.abs(vector[middle]).max() > 1e-5

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from capture.capture_set import CAPTURES_FILE
 from diagnosis.blind.claims import Claims, alone
 from diagnosis.blind.make import (
     BLIND_FORMAT,
@@ -123,8 +124,9 @@ def test_a_case_that_cannot_be_simulated_stands_in_nobodys_way(tmp_path: Path, m
         tried.append(number)
         raise SimulationError(f"case {number} did not come to rest", code="capture_not_still")
 
-    with pytest.raises(InputError, match="no case is diagnosed"):
+    with pytest.raises(InputError, match="no case is diagnosed yet: give more time") as caught:
         answer_cases(tmp_path, cache=DrapeCache(None), make=make)
+    assert caught.value.code == "blind_nothing_done"
     assert tried == [0, 1]
     failed = sorted((tmp_path / REPORTS_FOLDER).glob("*.failed"))
     assert [path.stem for path in failed] == ["case-001", "case-002"]
@@ -260,5 +262,19 @@ def test_labels_that_another_process_is_opening_come_last(tmp_path: Path, monkey
 
 def test_a_check_that_is_only_planned_says_so(tmp_path: Path) -> None:
     case_maker(tmp_path / "cases", PLAN)
-    with pytest.raises(InputError, match="--make"):
+    with pytest.raises(InputError, match="planned and not made: give --make") as caught:
         answer_cases(tmp_path / "cases", cache=DrapeCache(tmp_path / "drapes"))
+    assert caught.value.code == "blind_nothing_done"
+
+
+@pytest.mark.parametrize("captures", [None, "{}", "[", '{"label_sha256": "0"}'])
+def test_a_case_without_its_label_or_the_hash_is_not_opened(captures: str | None, tmp_path: Path) -> None:
+    (tmp_path / "case-001").mkdir()
+    if captures is not None:
+        (tmp_path / "case-001" / CAPTURES_FILE).write_text(captures)
+    if captures != '{"label_sha256": "0"}':  # the last has a hash and no label
+        (tmp_path / LABELS_FOLDER).mkdir()
+        (tmp_path / LABELS_FOLDER / "case-001.json").write_text("{}")
+    with pytest.raises(InputError, match="the label of case-001 or its hash is missing") as caught:
+        open_label(tmp_path, "case-001", DrapeCache(None))
+    assert caught.value.code == "blind_label_missing"

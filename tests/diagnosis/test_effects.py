@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from diagnosis import effects
-from diagnosis.effect import SCALAR, Component, Effect, Stage
+from diagnosis.effect import SCALAR, Between, Component, Effect, Stage
 from diagnosis.effects import catalogue, get_effect, parse_effect
 from diagnosis.pages import effect_page
 from diagnosis.scene import SimulationScene
-from diagnosis.simulation.sizes import nodes
+from diagnosis.simulation.sizes import at_all_places, node_weights, nodes
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
 
@@ -221,6 +221,23 @@ def test_a_change_that_gives_no_scene_is_told(add: Add, repository: Path) -> Non
     assert caught.value.code == "effect_file"
 
 
+@pytest.mark.parametrize(
+    ("place", "shares", "said"),
+    [
+        ({"width_m": 0.03}, {0: 0.5}, "sum to one"),
+        ({"width_m": 0.03}, {0: 0.5, 2: 0.5}, "places 0 to 1"),
+        ({"width_m": 0.045}, {1: 1.0}, "is simulated"),
+        ({"width": 0.03}, {1: 1.0}, "the same names"),
+    ],
+)
+def test_places_between_others_are_mixed_of_those_alone(
+    place: dict[str, float], shares: dict[int, float], said: str
+) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        replace(get_effect("edge_curl"), between=(Between(place, shares),))
+    assert caught.value.code == "effect_file"
+
+
 @pytest.mark.parametrize("names", [(), ("lift",), (SCALAR, "x")])
 def test_components_are_one_number_or_a_vector(names: tuple[str, ...]) -> None:
     components = dict.fromkeys(names, Component(0.1, 1.0))
@@ -282,13 +299,31 @@ def test_places_are_drawn_as_probable_as_they_are(name: str) -> None:
 
 def test_creases_are_down_or_across_the_middle_or_anywhere_but_near_the_rim() -> None:
     effect, rng = get_effect("crease"), np.random.default_rng(6)
-    assert effect.place_shares[:2].tolist() == [0.25, 0.25] and effect.place_shares[2:].min() > 0.04
+    assert effect.tried_shares[:2].tolist() == [0.25, 0.25] and effect.tried_shares[2:].min() > 0.02
     positions = np.array([effect.draw(rng)["position"] for _ in range(1000)])
     assert np.mean(positions == 0.5) == pytest.approx(0.5, abs=0.05)
     elsewhere = positions[positions != 0.5]
-    listed = np.unique([place["position"] for place in effect.places])
+    tried = np.unique([place["position"] for place in effect.tried])
     assert elsewhere.min() < 0.2 and elsewhere.max() > 0.8
-    assert np.abs(elsewhere[:, None] - listed).min(axis=1).max() <= 0.05
+    inside = elsewhere[(elsewhere > 0.2) & (elsewhere < 0.8)]
+    assert np.abs(inside[:, None] - tried).min(axis=1).max() <= 0.025
+
+
+@pytest.mark.parametrize("name", [name for name, effect in sorted(catalogue().items()) if effect.between])
+def test_what_goes_in_a_line_with_the_place_is_met_between_those_that_are_simulated(name: str) -> None:
+    effect = get_effect(name)
+    key = {"crease": "position", "edge_curl": "width_m"}[name]
+
+    def row(size: Mapping[str, float]) -> list[float]:
+        way = size.get("down", 1.0)  # lines down and across it do different things
+        return [size[SCALAR] * way, size[SCALAR] * way * size[key], size[SCALAR] * (1 - way) * size[key]]
+
+    rows = at_all_places(effect, np.array([row(size) for size in nodes(effect)]))
+    for place in effect.tried:
+        size = effect.typical() | dict(place)
+        np.testing.assert_allclose(node_weights(effect, size) @ rows, row(size), atol=1e-12)
+    assert effect.tried_shares.sum() == pytest.approx(1.0)
+    assert {effect.number_of(size) for size in nodes(effect)} == set(range(len(effect.places)))
 
 
 def test_the_page_is_what_the_command_writes(repository: Path, tmp_path: Path) -> None:
@@ -307,9 +342,9 @@ def test_the_page_says_sizes_and_places_as_they_are_drawn_and_written(repository
         written = re.findall(rf"`({name}=\S+)`", sections[name])
         assert parse_effect(written[-1])[1] == pytest.approx(effect.typical(), rel=0.01)
         if effect.places[0]:
-            last = {SCALAR: effect.typical()[SCALAR], **effect.places[-1]}
+            last = {SCALAR: effect.typical()[SCALAR], **effect.tried[-1]}
             assert parse_effect(written[0])[1] == pytest.approx(last, rel=0.01)
-            for place in effect.places:
+            for place in effect.tried:
                 assert f"`{','.join(f'{k}:{v:g}' for k, v in place.items())}`" in sections[name]
     assert "a vector (rx, ry, rz) of length 0.5 to 2 [deg] in any direction" in sections["camera_rotation"]
     assert "Size: ±0.5 to 1.5 [rad]." in sections["crease"] and "Size: 8 to 50 [g/m]." in sections["hem_weight"]

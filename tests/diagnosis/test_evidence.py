@@ -16,6 +16,7 @@ from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel, feature_covariance
 from diagnosis.simulation.sizes import FITTED_SHARE, node_weights, nodes
 from tests.diagnosis.bare_capture import BARE_CELLS, bare_capture
+from tests.diagnosis.response_rows import random_rows, still_rows
 
 COUNT = 60
 FABRICS = 4
@@ -35,10 +36,9 @@ def a_set(name: str, size: dict[str, float], shown: range, scene: str = "stretch
     rng = np.random.default_rng(11)
     blocks = []
     for fabric in range(FABRICS):
-        counts = {n: len(nodes(get_effect(n))) for n in ("air_draft", "edge_curl")}
-        responses = {n: 6.0 * rng.standard_normal((count, COUNT)) for n, count in counts.items()}
+        responses = {n: random_rows(rng, n, 6.0, COUNT) for n in ("air_draft", "edge_curl")}
         if name not in responses:
-            responses[name] = 6.0 * rng.standard_normal((len(nodes(get_effect(name))), COUNT))
+            responses[name] = random_rows(rng, name, 6.0, COUNT)
         effect = node_weights(get_effect(name), size) @ responses[name] if fabric in shown else np.zeros(COUNT)
         blocks.append(block(fabric, scene, effect + rng.standard_normal(COUNT), responses))
     still = {n: np.zeros((len(rows), 1)) for n, rows in blocks[0].stated.responses.items()}
@@ -62,8 +62,8 @@ def test_an_effect_that_these_captures_cannot_show_takes_little_from_none() -> N
     """Its evidence is that of ``none``, whatever is there: nothing that is seen is its doing."""
     blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(0))
     for one in blocks:
-        one.stated.responses["panel_friction"] = np.zeros((len(nodes(get_effect("panel_friction"))), COUNT))
-    still = {"panel_friction": np.zeros((len(nodes(get_effect("panel_friction"))), 1))}
+        one.stated.responses["panel_friction"] = still_rows("panel_friction", COUNT)
+    still = {"panel_friction": still_rows("panel_friction")}
     pixels = replace(pixels, responses=pixels.responses | still)
     cause = name_cause(("air_draft", "edge_curl", "panel_friction"), blocks, pixels)
     assert cause.evidence["panel_friction"].log_evidence == pytest.approx(cause.evidence["none"].log_evidence, abs=1e-6)
@@ -116,13 +116,16 @@ def test_a_place_that_is_more_probable_has_more_of_the_prior() -> None:
     effect = get_effect("crease")
     blocks, pixels = a_set("crease", {SCALAR: 1.0, "down": 0.0, "position": 0.7}, range(FABRICS))
     table = tabulate(effect, blocks, pixels, LikelihoodModel())
-    assert float(np.exp(table.prior).sum()) == pytest.approx(1.0)
+    chance = np.exp(table.prior + table.hold)
+    assert float(chance.sum()) == pytest.approx(1.0)
     middle = np.array([size["position"] == 0.5 for size in table.sizes])
-    assert float(np.exp(table.prior)[middle].sum()) == pytest.approx(0.5)
+    assert float(chance[middle].sum()) == pytest.approx(0.5)
+    assert table.chance(table.sizes[3]) == pytest.approx(float(np.log(chance[3])))
     found = name_cause(("air_draft", "crease"), blocks, pixels)
     assert found.named == ("crease",)
     size = found.evidence["crease"].size
     assert (size["down"], size["position"]) == (0.0, 0.7) and size[SCALAR] == pytest.approx(1.0, abs=0.15)
+    assert found.evidence["crease"].usual == size  # so that it is simulated there
 
 
 def test_folds_that_took_up_a_moved_camera_do_not_set_its_size() -> None:

@@ -106,7 +106,7 @@ def test_what_the_states_own_cells_do_otherwise_at_half_sizes_is_added_at_all(
     expected = [rough[0] + own[0] - rough[1], *own, rough[3] + own[1] - rough[2]]
     np.testing.assert_allclose(found.effects["pin_drop"][0], expected, atol=1e-12)
     np.testing.assert_allclose(found.pins, coarse.on_fine_cells.pins(), atol=1e-12)
-    beside = responses_with(simulator, fabric, scene, state, ["pin_drop"])["pin_drop"][0]
+    beside = responses_with(simulator, fabric, scene, state, {"pin_drop": found.effects["pin_drop"]})["pin_drop"][0]
     np.testing.assert_allclose(beside, [2 * own[0], *own, 2 * own[1]], atol=1e-12)  # half sizes alone
 
 
@@ -114,7 +114,7 @@ def test_less_probable_places_are_simulated_at_half_sizes_on_the_states_own_cell
     monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     places = ({"down": 1.0, "position": 0.5}, {"down": 1.0, "position": 0.3})
-    effect = replace(get_effect("crease"), places=places, odds=(2.0, 1.0))
+    effect = replace(get_effect("crease"), places=places, odds=(2.0, 1.0), between=())
     assert sorted(aside(effect)) == [4, 5, 6, 7] and not aside(get_effect("rest_curvature"))
     fabric = FabricParameters(1000.0, 800.0, 300.0, 2.5e-4, 2.5e-4, 2.5e-4, 0.2)
     scene = SimulationScene(Setup.nominal("stretch"))

@@ -23,6 +23,7 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulation.sizes import node_weights, nodes
 from diagnosis.tasks.fabric_task import CaptureResult, FabricResult
 from simcore.scenes import Setup
+from tests.diagnosis.response_rows import random_rows, still_rows
 
 
 @pytest.mark.parametrize(
@@ -30,17 +31,32 @@ from simcore.scenes import Setup
     [
         ("air_draft", {"magnitude": 0.31}),
         ("crease", {"magnitude": -0.7, "down": 0.0, "position": 0.5}),
+        ("crease", {"magnitude": 0.7, "down": 1.0, "position": 0.35}),
         ("stretch_stiffening", {"magnitude": 0.05}),
     ],
 )
 def test_bent_responses_pass_through_what_was_simulated(name: str, size: dict[str, float]) -> None:
     effect = get_effect(name)
     rng = np.random.default_rng(1)
-    rows, wanted = rng.standard_normal((len(nodes(effect)), 5)), rng.standard_normal(5)
+    rows, wanted = random_rows(rng, name, 1.0, 5), rng.standard_normal(5)
     bent = bend(effect, rows, [(size, wanted)])
     np.testing.assert_allclose(node_weights(effect, size) @ bent, wanted, atol=1e-9)
     untouched = node_weights(effect, size) == 0
     np.testing.assert_array_equal(bent[untouched], rows[untouched])
+
+
+def test_what_is_learnt_of_one_width_of_a_curl_nearly_holds_at_the_others() -> None:
+    """A crease at one line says nothing of one at another line."""
+    wanted = np.ones(5)
+    for name, here, there, learnt in (
+        ("edge_curl", {"width_m": 0.035}, {"width_m": 0.025}, 0.95),
+        ("crease", {"down": 1.0, "position": 0.35}, {"down": 1.0, "position": 0.3}, 0.0),
+    ):
+        effect = get_effect(name)
+        typical = effect.typical()
+        bent = bend(effect, still_rows(name, 5), [(typical | here, wanted)])
+        np.testing.assert_allclose(node_weights(effect, typical | here) @ bent, wanted, atol=1e-9)
+        np.testing.assert_allclose(node_weights(effect, typical | there) @ bent, learnt * wanted, atol=1e-9)
 
 
 def test_what_one_component_of_a_vector_changes_otherwise_is_not_put_down_to_another() -> None:

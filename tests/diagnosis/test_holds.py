@@ -15,6 +15,7 @@ from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.holds import HOLDS, held, holds_of, log_weights, tried_with_two
 from diagnosis.simulation.sizes import node_weights, nodes
 from tests.diagnosis import where_blocks
+from tests.diagnosis.response_rows import random_rows, still_rows
 
 COUNT, FABRICS = 60, 4
 UNIT_M = 0.001
@@ -31,7 +32,7 @@ def fabrics(shares: Sequence[float], size: dict[str, float] | None = None) -> li
     blocks = []
     for fabric, share in enumerate(shares):
         grip = 40.0 * rng.standard_normal(COUNT)
-        rows = {n: 6.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in NAMES}
+        rows = {n: random_rows(rng, n, 6.0, COUNT) for n in NAMES}
         effect = get_effect("stretch_stiffening")
         one = 10.0 * rng.standard_normal(COUNT) - (10.0, 30.0)[fabric % 2] / 40.0 * grip
         rows[effect.name] = np.array([0.04**2 / s[SCALAR] ** 2 for s in nodes(effect)])[:, None] * one
@@ -49,7 +50,7 @@ def fabrics(shares: Sequence[float], size: dict[str, float] | None = None) -> li
 
 
 def named(blocks: Sequence[Block]) -> Cause:
-    still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in NAMES}
+    still = {n: still_rows(n) for n in NAMES}
     return name_cause(NAMES, blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
 
 

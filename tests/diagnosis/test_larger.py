@@ -20,6 +20,7 @@ from diagnosis.inference.larger import (
     usual_square,
 )
 from diagnosis.simulation.sizes import node_weights, nodes
+from tests.diagnosis.response_rows import random_rows, still_rows
 
 COUNT = 60
 NAMES = ("hem_weight", "crease")
@@ -34,7 +35,7 @@ def fabrics(
     for fabric, square in enumerate(squares):
         measured = rng.standard_normal(COUNT)
         measured *= np.sqrt(square / np.mean(measured**2))
-        rows = {n: 4.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in NAMES}
+        rows = {n: random_rows(rng, n, 4.0, COUNT) for n in NAMES}
         effect = get_effect("hem_weight")
         one = 4.0 * rng.standard_normal(COUNT)
         rows["hem_weight"] = np.array([size[SCALAR] for size in nodes(effect)])[:, None] / 30.0 * one
@@ -51,7 +52,7 @@ def fabrics(
 
 
 def named(blocks: Sequence[Block]) -> Cause:
-    still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in NAMES}
+    still = {n: still_rows(n) for n in NAMES}
     return name_cause(NAMES, blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
 
 

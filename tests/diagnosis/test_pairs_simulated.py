@@ -19,10 +19,11 @@ from diagnosis.inference.cause import Cause
 from diagnosis.inference.pairs import Pair
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.responses import Responses
-from diagnosis.simulation.sizes import node_weights, nodes
+from diagnosis.simulation.sizes import node_weights
 from diagnosis.tasks.fabric_task import CaptureResult
 from simcore.scenes import Setup
 from tests.diagnosis.pair_parts import Capture, evidence
+from tests.diagnosis.response_rows import random_rows, still_rows
 
 DRAFT, CREASE = {SCALAR: 0.4}, {SCALAR: 1.0, "down": 1.0, "position": 0.5}
 SIZES: dict[str, Mapping[str, float]] = {"air_draft": DRAFT, "crease": CREASE}
@@ -93,7 +94,7 @@ def test_a_pair_is_simulated_again_only_where_its_sizes_moved_and_it_is_near(
 
 def test_both_responses_give_what_was_simulated_with_both_on() -> None:
     rng = np.random.default_rng(6)
-    rows = {n: (rng.standard_normal((len(nodes(get_effect(n))), 9)), np.zeros((1, 1))) for n in SIZES}
+    rows = {n: (random_rows(rng, n, 1.0, 9), np.zeros((1, 1))) for n in SIZES}
     change = rng.standard_normal(9)
     responses = Responses(np.zeros((7, 9)), np.zeros((8, 9)), np.zeros(9), np.zeros(9), rows, np.zeros(1))
 
@@ -178,7 +179,7 @@ def test_what_is_only_rendered_is_tried_further_behind() -> None:
 
 
 def test_what_a_second_effect_left_bends_the_firsts_responses(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = {n: (np.zeros((len(nodes(get_effect(n))), 9)), np.zeros((1, 1))) for n in SIZES}
+    rows = {n: (still_rows(n, 9), np.zeros((1, 1))) for n in SIZES}
     responses = Responses(np.zeros((7, 9)), np.zeros((8, 9)), np.zeros(9), np.zeros(9), rows, np.zeros(1))
     fitted = replace(responses, effects=rows | {"air_draft": (rows["air_draft"][0] + 1.0, np.zeros((1, 1)))})
     monkeypatch.setattr(together, "bent", lambda look, capture, names: fitted if "air_draft" in names else None)

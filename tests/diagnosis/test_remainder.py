@@ -158,8 +158,8 @@ def test_what_an_effect_of_another_size_would_change_is_granted() -> None:
 
 def test_responses_at_a_place_are_those_of_that_place_alone() -> None:
     effect = get_effect("crease")
-    rows = np.arange(float(len(nodes(effect))))[:, None]
+    rows = np.arange(float(len(nodes(effect)) // len(effect.places) * len(effect.tried)))[:, None]
     size = {SCALAR: 0.8} | dict(effect.places[1])
     chosen = responses_at_place({"crease": rows}, "crease", size)
     weights = node_weights(effect, size)
-    assert set(rows[weights != 0, 0]) <= set(chosen[:, 0]) and len(chosen) * len(effect.places) == len(rows)
+    assert set(rows[weights != 0, 0]) <= set(chosen[:, 0]) and len(chosen) * len(effect.tried) == len(rows)

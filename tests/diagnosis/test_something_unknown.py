@@ -22,6 +22,7 @@ from diagnosis.inference.unknown import tabulate_unknown, without_repeated
 from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.simulation.sizes import node_weights, nodes
 from tests.diagnosis.remainder_parts import COUNT, EFFECTS, FABRICS, fabrics, quiet
+from tests.diagnosis.response_rows import still_rows
 
 
 @pytest.mark.parametrize("family", ["rim", "lines", "picture", "pins"])
@@ -94,7 +95,7 @@ def test_a_number_that_no_named_effect_changes_is_something_unknown(
     """One number is off by 8 deviations beside an effect that is sure: nothing of that is granted to an effect that
     cannot change it; an effect that does, or a second one that does, explains it."""
     blocks = fabrics(range(FABRICS), "air_draft")
-    rows = {n: np.zeros((len(nodes(get_effect(n))), len(PLANE_NAMES))) for n in (*EFFECTS, "dropout")}
+    rows = {n: still_rows(n, len(PLANE_NAMES)) for n in (*EFFECTS, "dropout")}
     for block in blocks:
         block.stated.responses["dropout"] = np.zeros((len(rows["dropout"]), COUNT))
     rows["air_draft"][:, 2] = by_first
@@ -108,7 +109,7 @@ def test_a_number_that_no_named_effect_changes_is_something_unknown(
 def test_numbers_that_an_effect_explains_say_nothing_unknown() -> None:
     """Of what they say for something unknown alone, no more than what the effect gains, and what it leaves, stays."""
     blocks, model = fabrics(range(0), None), LikelihoodModel()
-    rows = {n: np.zeros((len(nodes(get_effect(n))), len(PLANE_NAMES))) for n in EFFECTS}
+    rows = {n: still_rows(n, len(PLANE_NAMES)) for n in EFFECTS}
     rows["air_draft"][:, 2] = 80.0
     pixels = PixelBlock(np.array([0.0, 0.0, 80.0]), rows, sensor_known=False)
     evidence = dict(name_cause(EFFECTS, blocks, pixels, model, pairs=False).evidence)

@@ -22,6 +22,7 @@ from diagnosis.inference.subtract import without
 from diagnosis.inference.view_likelihood import Lengths, view_log_likelihood
 from diagnosis.simulation.sizes import node_weights, nodes
 from tests.diagnosis.pair_parts import evidence
+from tests.diagnosis.response_rows import random_rows, still_rows
 
 COUNT, FABRICS = 60, 4
 DRAFT, CREASE = {SCALAR: 0.4}, {SCALAR: 1.0, "down": 1.0, "position": 0.5}
@@ -91,8 +92,8 @@ def blocks_of(sizes: Mapping[str, Mapping[str, float]], joint: float = 0.0, *, f
     rng = np.random.default_rng(7)
     blocks = []
     for fabric in range(FABRICS):
-        rows = {n: 6.0 * rng.standard_normal((len(nodes(get_effect(n))), COUNT)) for n in SIZES}
-        other = (1.0 - joint) * rows["crease"] + joint * 6.0 * rng.standard_normal(rows["crease"].shape)
+        rows = {n: random_rows(rng, n, 6.0, COUNT) for n in SIZES}
+        other = (1.0 - joint) * rows["crease"] + joint * random_rows(rng, "crease", 6.0, COUNT)
         shown = rows | {"crease": other} if len(sizes) == 2 else rows
         measured = rng.standard_normal(COUNT)
         for name, size in sizes.items():
@@ -109,7 +110,7 @@ def blocks_of(sizes: Mapping[str, Mapping[str, float]], joint: float = 0.0, *, f
 
 
 def named(blocks: Sequence[Block]) -> Cause:
-    still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in SIZES}
+    still = {n: still_rows(n) for n in SIZES}
     return name_cause(tuple(SIZES), blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
 
 
@@ -173,7 +174,7 @@ def test_scatter_in_hanging_is_no_hysteresis_beside_an_effect_on_the_cloth() -> 
     parts = blocks_of({"air_draft": DRAFT})
     blocks = [replace(b, stated=v, wide=v) for b, v in zip(parts, stretch, strict=True)]
     blocks += [replace(b, stated=v, wide=v, scene="hanging") for b, v in zip(parts, hanging, strict=True)]
-    still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in names}
+    still = {n: still_rows(n) for n in names}
     cause = name_cause(names, blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
     gained = [p.evidence.log_evidence - cause.evidence[p.first].log_evidence for p in cause.tried if p.second == name]
     assert cause.named == ("air_draft",)
@@ -191,7 +192,7 @@ def test_an_effect_shows_beside_one_that_scatters(there: bool) -> None:
         seen = replace(block.stated, scatter={name: rows}, measured=block.stated.measured + 0.3 * draws[3])
         blocks.append(replace(block, stated=seen, wide=seen))
     names = ("air_draft", "crease", name)
-    still = {n: np.zeros((len(nodes(get_effect(n))), 1)) for n in names}
+    still = {n: still_rows(n) for n in names}
     cause = name_cause(names, blocks, PixelBlock(np.zeros(1), still, sensor_known=False))
     pair = next(pair for pair in cause.tried if pair.second == "crease" and pair.first == name)
     gained = pair.evidence.log_evidence - cause.evidence[name].log_evidence
@@ -256,7 +257,7 @@ def test_sizes_that_an_effect_may_have(name: str, size: Mapping[str, float], usu
 def test_two_effects_on_one_sensor_are_named_by_what_was_rendered_with_both() -> None:
     names, numbers = ("dropout", "range_noise"), 8
     rng = np.random.default_rng(9)
-    rows = {n: 30.0 * rng.standard_normal(numbers) * np.ones((len(nodes(get_effect(n))), 1)) for n in names}
+    rows = {n: 30.0 * rng.standard_normal(numbers) * np.ones_like(still_rows(n)) for n in names}
     both = 30.0 * rng.standard_normal(numbers) * np.ones_like(rows["range_noise"])
     blocks = []
     for block in blocks_of({}):

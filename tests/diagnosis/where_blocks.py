@@ -14,7 +14,7 @@ from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
 from diagnosis.measurement.reference import CELLS, cell_centres
-from diagnosis.simulation.sizes import nodes
+from diagnosis.simulation.sizes import at_all_places, nodes
 
 Array = NDArray[np.float64]
 NAMES = (*PIXEL_NAMES, *PLANE_NAMES)
@@ -88,7 +88,7 @@ def response(name: str, at_most: Array) -> Array:
     """In proportion to an effect's size, alike at all its places, [nodes, n]."""
     effect = get_effect(name)
     high = next(iter(effect.components.values())).high
-    return np.stack([size[SCALAR] / high * at_most for size in nodes(effect)])
+    return at_all_places(effect, np.stack([size[SCALAR] / high * at_most for size in nodes(effect)]))
 
 
 def _view(measured: Array, responses: Mapping[str, Array], matrix: Array) -> View:

@@ -1,0 +1,32 @@
+"""Where an effect was found, against where it truly is."""
+
+from __future__ import annotations
+
+import pytest
+
+from diagnosis.blind.places import at_a_tried_place, is_its_place
+from diagnosis.effect import SCALAR
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "tried"),
+    [
+        ("crease", {"down": 1.0, "position": 0.331}, {"down": 1.0, "position": 0.35}),
+        ("crease", {"down": 0.0, "position": 0.85}, {"down": 0.0, "position": 0.8}),
+        ("edge_curl", {"width_m": 0.0271}, {"width_m": 0.025}),
+        ("hem_weight", {}, {}),
+    ],
+)
+def test_a_place_is_told_by_the_nearest_one_that_is_tried(
+    name: str, place: dict[str, float], tried: dict[str, float]
+) -> None:
+    assert at_a_tried_place(name, {SCALAR: 0.7, **place}) == {SCALAR: 0.7, **tried}
+
+
+@pytest.mark.parametrize(
+    ("position", "down", "right"),
+    [(0.35, 1.0, True), (0.3, 1.0, True), (0.4, 1.0, True), (0.45, 1.0, False), (0.35, 0.0, False)],
+)
+def test_a_crease_was_found_at_its_place_or_half_a_tenth_away(position: float, down: float, right: bool) -> None:
+    truth = {SCALAR: 1.0, "down": 1.0, "position": 0.331}
+    assert is_its_place("crease", truth, {"down": down, "position": position}) is right
