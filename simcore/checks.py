@@ -31,9 +31,18 @@ def seed_sequence(seed: int | Sequence[int] | np.random.SeedSequence) -> np.rand
     if isinstance(seed, np.random.SeedSequence):
         return seed
     try:
+        if not _whole_numbers(seed):
+            raise TypeError
         return np.random.SeedSequence(seed)
     except (TypeError, ValueError):
         raise InputError(f"seed {seed!r}: give a whole number of 0 or more, or several", code="seed_negative") from None
+
+
+def _whole_numbers(seed: object) -> bool:
+    """NumPy takes more: None for any seed at all, truth values for 0 and 1."""
+    if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str | bytes):
+        return all(_whole_numbers(part) for part in seed)
+    return isinstance(seed, int | np.integer) and not isinstance(seed, bool)
 
 
 def check_request(mesh: GridMesh, setup: Setup, start: Drape | None, time_limit_s: float | None) -> None:

@@ -31,8 +31,10 @@ class Drape:
         residual: RMS out-of-balance force per free vertex, in vertex weights; still is below 1e-3.
         energy: total potential energy [J], gravity measured from y = 0.
         stable: the exact Hessian has no negative curvature there.
-        iterations: Newton iterations at all levels.
-        seconds: CPU seconds of the solve.
+        iterations: steps in all: those of Newton's method on every level (the steps of limited-memory BFGS between its
+            factorisations are not counted), the Euler steps of each putting up (60, fewer where time was up), and all
+            of further attempts, which were put up one by one or with contact of the cloth with itself.
+        seconds: CPU seconds of the solve, further attempts included.
     """
 
     mesh: GridMesh

@@ -44,7 +44,7 @@ class MissingResourceError(DrapemeterError):
 
 
 class SimulationError(DrapemeterError):
-    """A simulation that was needed did not come to rest."""
+    """A simulation that was needed did not come to rest, or could not be carried out."""
 
     code = "simulation_failed"
 

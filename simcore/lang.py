@@ -1,8 +1,8 @@
 """The one place that imports Taichi.
 
 One runtime a process, float64, started on first use. Kernels elsewhere say ``from simcore.lang import ti`` and call
-:func:`start` before their first launch. Each process gets its own offline cache folder: parallel workers corrupt a
-shared one.
+:func:`start` before their first launch. Each process gets an offline cache folder of its own: processes that run side
+by side corrupt a shared one.
 """
 
 from __future__ import annotations
@@ -69,16 +69,14 @@ def _initialise(arch: str) -> None:
 
 
 def _cache_folder() -> Path:
-    """Cache of compiled kernels: ``DRAPEMETER_KERNEL_CACHE`` when set (a worker's own), else one that no other live
-    process of this user holds."""
+    """Cache of compiled kernels that no other live process holds: under ``DRAPEMETER_KERNEL_CACHE`` where that is set,
+    else under this user's caches."""
     named = os.environ.get("DRAPEMETER_KERNEL_CACHE")
     if named:
-        folder = Path(named)
-        folder.mkdir(parents=True, exist_ok=True)
-        return folder
+        return _claim(Path(named))
     base = os.environ.get("XDG_CACHE_HOME")
     if base:
-        return _claim(Path(base) / "kernels")
+        return _claim(Path(base) / "drapemeter" / "kernels")
     return _claim(_own_folder(Path(tempfile.gettempdir()) / f"drapemeter-{os.getuid()}") / "kernels")
 
 

@@ -28,6 +28,7 @@ LEAST_STIFFENING_STRAIN = 1e-6
 LARGEST = {
     "gravity_m_s2": 100.0,
     "air_pressure_pa": 1000.0,
+    "off_grain_rad": math.pi,
     "hem_kg_m": 100.0,
     "trim_kg_m": 100.0,
     "adhesion_pa": 1000.0,
@@ -35,6 +36,9 @@ LARGEST = {
     "friction": 100.0,
 }
 """Beyond these no panel, room or hem is: a number in another unit, most likely."""
+LEAST_GRAVITY_M_S2 = 0.01
+"""What a drape is at rest by is counted in weights."""
+LARGEST_JITTER = {"force_weights": 100.0, "pin_m": 0.05, "placement_m": 0.5}
 LARGEST_CURVATURE_1_M = 1e4
 LARGEST_CREASE_RAD = 2.0 * math.pi
 
@@ -174,7 +178,7 @@ class Mechanics:
     """What acts on the cloth beyond the baseline.
 
     Attributes:
-        gravity: acceleration [m/s²], panel frame.
+        gravity: acceleration [m/s²], panel frame; :data:`LEAST_GRAVITY_M_S2` or more.
         air_pressure_pa: pressure of a draft along +z on the whole sample, per rest area [Pa]; negative presses the
             cloth to the panel.
         off_grain_rad: angle by which the material's weft is turned from the sample's u towards v [rad].
@@ -201,8 +205,15 @@ class Mechanics:
     trim_kg_m: tuple[float, float, float, float] = field(default=(0.0, 0.0, 0.0, 0.0), metadata=LATER)
 
     def __post_init__(self) -> None:
+        if np.shape(self.gravity) != (3,) or not all(math.isfinite(g) for g in self.gravity):
+            raise InputError(f"gravity needs three finite numbers [m/s²], got {self.gravity}", code="mechanics")
+        if math.hypot(*self.gravity) < LEAST_GRAVITY_M_S2:
+            raise InputError(
+                f"gravity of {math.hypot(*self.gravity):g} m/s² is less than {LEAST_GRAVITY_M_S2}: the sample hangs by "
+                "its weight",
+                code="mechanics",
+            )
         numbers = (
-            *self.gravity,
             self.air_pressure_pa,
             self.off_grain_rad,
             self.hem_kg_m,
@@ -213,16 +224,21 @@ class Mechanics:
         )
         if len(self.trim_kg_m) != len(EDGES):
             raise InputError(f"masses along edges are one each for {', '.join(EDGES)}", code="mechanics")
-        if not all(math.isfinite(n) for n in numbers) or not any(self.gravity):
-            raise InputError("mechanics need finite numbers and some gravity", code="mechanics")
+        if not all(math.isfinite(n) for n in numbers):
+            raise InputError("mechanics need finite numbers", code="mechanics")
         if self.stiffening_strain is not None and not self.stiffening_strain >= LEAST_STIFFENING_STRAIN:
             raise InputError(
                 f"stiffening strain {self.stiffening_strain:g} must be positive, {LEAST_STIFFENING_STRAIN:g} or more",
                 code="mechanics",
             )
         unsigned = (self.hem_kg_m, *self.trim_kg_m, self.adhesion_pa, self.friction)
-        if min(unsigned) < 0.0 or not self.adhesion_range_m > 0.0:
+        if min(unsigned) < 0.0:
             raise InputError("masses along edges, adhesion and friction cannot be negative", code="mechanics")
+        if not self.adhesion_range_m > 0.0:
+            raise InputError(
+                f"adhesion_range_m = {self.adhesion_range_m:g} must be positive; without adhesion give adhesion_pa = 0",
+                code="mechanics",
+            )
         given = {name: getattr(self, name) for name in LARGEST if hasattr(self, name)}
         sizes = {**given, "gravity_m_s2": math.hypot(*self.gravity), "trim_kg_m": max(self.trim_kg_m)}
         for name, size in sizes.items():
@@ -239,6 +255,9 @@ class Jitter:
             sample swings to rest.
         pin_m: standard deviation of each magnet's position along x and y [m], cut at 2.5 deviations.
         placement_m: amplitude of the random smooth shape the sample is put up from, out of plane [m].
+
+    Raises:
+        InputError: a scale is negative or beyond :data:`LARGEST_JITTER`.
     """
 
     force_weights: float = 1.0
@@ -246,9 +265,12 @@ class Jitter:
     placement_m: float = 0.02
 
     def __post_init__(self) -> None:
-        scales = (self.force_weights, self.pin_m, self.placement_m)
-        if not all(0.0 <= s < math.inf for s in scales):
-            raise InputError("the scales of a jitter are numbers of 0 or more", code="mechanics")
+        for name, largest in LARGEST_JITTER.items():
+            if not 0.0 <= getattr(self, name) <= largest:
+                raise InputError(
+                    f"{name} = {getattr(self, name):g} of a jitter must be from 0 to {largest:g}: is its unit right?",
+                    code="mechanics",
+                )
 
 
 NO_JITTER = Jitter(0.0, 0.0, 0.0)

@@ -14,6 +14,8 @@ from simcore.errors import InputError
 LEAST_CELL_M, LARGEST_CELL_M = 1e-3, 0.1
 FEWEST_CELLS = 4
 """Along either edge."""
+MOST_VERTICES = 300_000
+"""Half a metre in cells of 1 mm has 251,001. What a drape takes of time and memory grows faster than their number."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class GridMesh:
         size_m: width (u) and height (v) [m].
 
     Raises:
-        InputError: the resolution does not divide the sample, or is absurd.
+        InputError: the resolution does not divide the sample, gives more than :data:`MOST_VERTICES`, or is absurd.
     """
 
     resolution_m: float
@@ -45,6 +47,14 @@ class GridMesh:
                 raise InputError(
                     f"the sample size {self.size_m} m needs a positive width and height", code="sample_size"
                 )
+        if (vertices := _vertices(h, self.size_m)) > MOST_VERTICES:
+            nearest = _nearest_cell_m(h, self.size_m)
+            advice = f"try {nearest:.9g}" if nearest is not None else "no cell that divides it gives so few: cut it up"
+            raise InputError(
+                f"resolution {h} m on a sample of {self.size_m[0]:g} x {self.size_m[1]:g} m gives {vertices:.3g} "
+                f"vertices, more than {MOST_VERTICES:,}: {advice}",
+                code="mesh_too_large",
+            )
         for length in self.size_m:
             if not _divides(h, length):
                 nearest = _nearest_cell_m(h, self.size_m)
@@ -99,12 +109,20 @@ def _divides(cell_m: float, length_m: float) -> bool:
     return abs(cells - round(cells)) <= 1e-6 and round(cells) >= FEWEST_CELLS
 
 
+def _vertices(cell_m: float, size_m: tuple[float, float]) -> float:
+    """How many vertices such cells have, whole or not."""
+    return (size_m[0] / cell_m + 1.0) * (size_m[1] / cell_m + 1.0)
+
+
 def _nearest_cell_m(cell_m: float, size_m: tuple[float, float]) -> float | None:
-    """The cell nearest in proportion that divides both sides; None where none does."""
+    """The cell nearest in proportion that divides both sides and does not give too many vertices; None where none
+    does."""
     short = min(size_m)
-    fewest, most = max(FEWEST_CELLS, math.ceil(short / LARGEST_CELL_M)), math.floor(short / LEAST_CELL_M)
+    fewest = max(FEWEST_CELLS, math.ceil(min(short / LARGEST_CELL_M, MOST_VERTICES)))
+    most = math.floor(min(short / LEAST_CELL_M, math.sqrt(MOST_VERTICES)))
     cells = (short / n for n in range(fewest, most + 1))
-    fit = [c for c in cells if all(_divides(c, length) for length in size_m)]
+    few = (c for c in cells if _vertices(c, size_m) <= MOST_VERTICES)
+    fit = [c for c in few if all(_divides(c, length) for length in size_m)]
     return min(fit, key=lambda c: abs(math.log(c / cell_m)), default=None)
 
 

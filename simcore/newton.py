@@ -20,6 +20,8 @@ MEMORY = 6
 """Pairs that L-BFGS keeps."""
 WORTH = 0.03
 """An L-BFGS step that lowers the energy by less than this share of the factorisation's own step is the last."""
+FACTORISATIONS = 40
+"""Most that are made for one step, each with a lower blend or four times the damping of the one before."""
 ROUGH_FROM = 0.002
 """Residual over which single precision is enough for a direction [vertex weights]."""
 
@@ -104,8 +106,11 @@ class Newton:
                 energy, gradient = level.energy(x), level.gradient(x)
                 residual, blend = level.residual(gradient), 0.5
                 continue
-            refused = blend
+            refused, tries = blend, 1
             while negative > 0:
+                if tries == FACTORISATIONS or time.process_time() > self.deadline:
+                    return Rest(x, residual, False, iteration, False)
+                tries += 1
                 if blend > 0.0:
                     blend = 0.5 * blend if blend > 0.1 else 0.0
                 else:
@@ -181,6 +186,8 @@ class Newton:
         level = self.level
         shift = 1e-4
         while self._factor(x, 1.0, shift, False) > 0 and shift < 1e3:
+            if time.process_time() > self.deadline:
+                return x
             shift *= 4.0
         _, modes = level.soft_modes(4, self._start, 10)
         mode = modes[0].reshape(x.shape) / np.abs(modes[0]).max()

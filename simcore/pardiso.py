@@ -14,10 +14,22 @@ from importlib import metadata
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.errors import MissingResourceError
+from simcore.errors import MissingResourceError, SimulationError
 
 _POSITIVE_DEFINITE, _INDEFINITE = 2, -2
 """Kinds of real symmetric matrices."""
+_SEQUENTIAL = 1
+"""The threading layer without threads."""
+_FACTOR = 22
+"""Phase of the numerical factorisation."""
+_OUT_OF_MEMORY, _ZERO_PIVOT = -2, -4
+"""Errors; the second is also what Cholesky says of a matrix that is not positive definite."""
+_ERRORS = {
+    -1: "its input is inconsistent",
+    -3: "the equations could not be ordered",
+    -7: "the diagonal is singular",
+    -8: "an integer overflowed",
+}
 
 
 @cache
@@ -30,7 +42,10 @@ def _library() -> ctypes.CDLL:
         files = []
     for file in files:
         if file.name.startswith("libmkl_rt.so"):
-            return ctypes.CDLL(str(file.locate()))
+            library = ctypes.CDLL(str(file.locate()))
+            # whatever MKL_THREADING_LAYER says: sums that several threads share have other last bits
+            library.MKL_Set_Threading_Layer(ctypes.c_int(_SEQUENTIAL))
+            return library
     raise MissingResourceError("oneMKL is not installed: pip install mkl (x86-64 only)", code="mkl_missing")
 
 
@@ -57,6 +72,9 @@ class Factorisation:
         indptr: CSR row starts of the upper triangle, zero-based, int32, shape [n + 1].
         indices: CSR column indices, sorted, each row starting with its diagonal, int32, shape [nonzeros].
         single: factor in single precision: half the time and memory; good for a direction, not for a certificate.
+
+    Raises:
+        SimulationError: from each method: PARDISO failed, most likely for want of memory.
     """
 
     def __init__(self, indptr: NDArray[np.int32], indices: NDArray[np.int32], single: bool = False) -> None:
@@ -102,8 +120,22 @@ class Factorisation:
         self._places["values"].value = self._values.ctypes.data
         self._places["right"].value = (self._unused if right is None else right).ctypes.data
         self._places["out"].value = (self._unused if out is None else out).ctypes.data
+        self._counts["error"].value = 0
         _library().pardiso(*self._all)
-        return self._counts["error"].value
+        error = self._counts["error"].value
+        if error == 0 or (phase == _FACTOR and error == _ZERO_PIVOT):
+            return error
+        if error == _OUT_OF_MEMORY:
+            raise SimulationError(
+                f"out of memory: {self.n} equations of a mesh could not be solved: use coarser cells, or run fewer "
+                "processes side by side",
+                code="factorisation_failed",
+            )
+        raise SimulationError(
+            f"{self.n} equations of a mesh could not be solved: {_ERRORS.get(error, 'an error inside the library')} "
+            f"(PARDISO {error} in phase {phase}): use coarser cells",
+            code="factorisation_failed",
+        )
 
     def factor(self, values: NDArray[np.float64]) -> int:
         """Factor the matrix with these nonzeros.
@@ -112,11 +144,15 @@ class Factorisation:
             values: float64, shape [nonzeros].
 
         Returns:
-            The number of negative eigenvalues; ``n`` when the factorisation broke down, as Cholesky does on any.
+            The number of negative eigenvalues; ``n`` when a pivot was zero, or negative where Cholesky met it. There
+            are no factors to solve with then.
+
+        Raises:
+            SimulationError: there was not enough memory, or PARDISO failed otherwise.
         """
         self._values = values.astype(self._real, copy=False)
         self._held = True
-        if self._call(22) != 0:
+        if self._call(_FACTOR) != 0:
             return self.n
         perturbed = int(self._settings[13])
         return int(self._settings[22]) + perturbed

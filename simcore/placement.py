@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from simcore.grid import Grid
 from simcore.level import Level
 from simcore.mechanics import Jitter
+from simcore.newton import FACTORISATIONS
 from simcore.scenes import Setup
 
 Array = NDArray[np.float64]
@@ -113,7 +114,8 @@ def put_up(level: Level, pins: Pins, perturbation: Perturbation, deadline: float
         deadline: CPU time of this process after which no further step is taken [s].
 
     Returns:
-        Positions [rows, columns, 3] and the number of steps.
+        Positions [rows, columns, 3] and the number of steps: fewer than :data:`STEPS` where time was up, or positions
+        are not finite.
     """
     grid, jitter = level.grid, perturbation.jitter
     x = grid.rest.copy()
@@ -129,26 +131,29 @@ def put_up(level: Level, pins: Pins, perturbation: Perturbation, deadline: float
             break
         progress = min(1.0, (step + 1) / (0.5 * STEPS))
         level.push(forces * max(0.0, 1.0 - step / (0.6 * STEPS)))
-        previous = x.copy()
-        x = _step(level, x, velocity, inertia, pins, progress)
-        velocity = 0.95 * (x - previous) / STEP_S
+        held = x.copy()
+        pins.hold(held, progress)
+        moved = _step(level, held, velocity, inertia, deadline)
+        if moved is None:
+            break
+        velocity = 0.95 * (moved - x) / STEP_S
+        x = moved
         steps += 1
     level.push(0.0)
     return x, steps
 
 
-def _step(level: Level, x: Array, velocity: Array, inertia: Array, pins: Pins, progress: float) -> Array:
-    """One step: a damped Newton step on elastic + inertial energy and up to two corrections with its factorisation."""
-    x = x.copy()
-    pins.hold(x, progress)
+def _step(level: Level, x: Array, velocity: Array, inertia: Array, deadline: float) -> Array | None:
+    """One step: a damped Newton step on elastic + inertial energy and up to two corrections with its factorisation.
+
+    ``x``: positions with the held vertices where they are after the step. None where no step can be taken.
+    """
     free = (level.fixed == 0)[..., None]
     goal = x + STEP_S * velocity * free
     for correction in range(3):
         gradient = level.gradient(x) + inertia[..., None] * (x - goal) * free
-        if correction == 0:
-            shift = inertia
-            while level.factor(x, 0.0, shift, rough=True) > 0 and np.isfinite(x).all():
-                shift = 4.0 * shift
+        if correction == 0 and not _factor(level, x, inertia, deadline):
+            return None
         move = level.solve(-gradient)
         longest = 2.0 * level.grid.hu / max(float(np.abs(move).max()), 1e-12)
         length = min(1.0, longest, level.contact.largest_step(x, move, level.fixed))
@@ -160,3 +165,18 @@ def _step(level: Level, x: Array, velocity: Array, inertia: Array, pins: Pins, p
         if length == 1.0 and float(np.abs(move).max()) < 0.02 * level.grid.hu:
             break
     return x
+
+
+def _factor(level: Level, x: Array, inertia: Array, deadline: float) -> bool:
+    """Factor the Hessian with the inertia on its diagonal, raised fourfold where that is not enough; whether it went.
+
+    It does not at positions that are not finite, nor when the time is up.
+    """
+    shift = inertia
+    for _ in range(FACTORISATIONS):
+        if level.factor(x, 0.0, shift, rough=True) == 0:
+            return True
+        if not np.isfinite(x).all() or time.process_time() > deadline:
+            return False
+        shift = 4.0 * shift
+    return False

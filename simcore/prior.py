@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from simcore.bending import ADMISSIBLE
 from simcore.errors import InputError
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.sampling import RandomDesign, SobolDesign, UnitDesign
@@ -63,7 +64,8 @@ def _default_log_cov() -> NDArray[np.float64]:
 
 
 def is_admissible(values: NDArray[np.float64], margin: float = ADMISSIBLE_MARGIN) -> NDArray[np.bool_]:
-    """Whether a plate with these bending rigidities is stable with some margin (``docs/decisions/001``).
+    """Whether a plate with these bending rigidities is stable with some margin (``docs/decisions/001``), and has the
+    bias rigidity that is stated: :class:`~simcore.bending.PlateRigidity` raises none of them.
 
     Args:
         values: fabric parameters, SI, shape [N, 7].
@@ -73,7 +75,8 @@ def is_admissible(values: NDArray[np.float64], margin: float = ADMISSIBLE_MARGIN
         bool, shape [N].
     """
     warp, weft, bias = values[:, 3], values[:, 4], values[:, 5]
-    return np.asarray(4.0 * bias >= margin * (np.sqrt(warp) - np.sqrt(weft)) ** 2)
+    stated = 4.0 * bias - warp - weft >= -2.0 * ADMISSIBLE * np.sqrt(warp * weft)
+    return np.asarray((4.0 * bias >= margin * (np.sqrt(warp) - np.sqrt(weft)) ** 2) & stated)
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,9 @@ class Solver:
             jitter: scales of the differences between repeats.
             mechanics: optional physics.
             start: continue from this drape of the same mesh instead of putting the sample up afresh; the pins then
-                move straight to their places and the jitter of forces and placement plays no part.
+                move straight to their places and the jitter of forces and placement plays no part. Where it comes to
+                rest through itself, contact with itself is switched on from this drape, never from flat: where this
+                one crosses itself already, the answer is ``not_still``.
             time_limit_s: CPU seconds after which the best so far is returned as ``not_still``.
 
         Returns:
@@ -126,6 +128,7 @@ class Solver:
         Raises:
             InputError: the set-up's sample is not the mesh's, its pins cannot hold it, ``start`` is of another mesh, or
                 the seed is none.
+            SimulationError: there was not enough memory.
         """
         check_request(self.mesh, setup, start, time_limit_s)
         began = time.process_time()
@@ -152,7 +155,7 @@ class Solver:
         """From the flat sample, or where it starts, to rest on the last level, with the steps that took."""
         start = problem.start
         levels = self.levels if start is None else self.levels[-1:]
-        x = None if start is None else start.vertices.reshape(levels[-1].grid.shape).copy()
+        x = None if start is None else np.array(start.vertices, np.float64, order="C").reshape(levels[-1].grid.shape)
         iterations = 0
         rest: Rest | None = None
         pressing: Array | None = None

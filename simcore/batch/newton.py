@@ -8,7 +8,7 @@ import torch
 
 from simcore.batch.cholesky import Factors
 from simcore.batch.level import BatchLevel
-from simcore.newton import INNER_STEPS, MEMORY, WORTH, NewtonOptions
+from simcore.newton import FACTORISATIONS, INNER_STEPS, MEMORY, WORTH, NewtonOptions
 
 Tensor = torch.Tensor
 ESCAPES = 8
@@ -274,12 +274,14 @@ class BatchNewton:
         """Lowest eigenvectors, by inverse iteration with Hessians shifted just enough to be positive."""
         level = self.level
         ones = torch.ones(len(which), dtype=x.dtype, device=x.device)
-        shift = 1e-4 * ones
-        factors, good = level.factor(which, x, ones, shift)
+        shift, unit = 1e-4 * ones, level.weights[which] / level.grid.hu
+        factors, good = level.factor(which, x, ones, shift * unit)
         pending = torch.nonzero(~good).ravel()
-        while len(pending) and float(shift.max()) < 1e3:
+        for _ in range(FACTORISATIONS):
+            if not len(pending):
+                break
             shift[pending] *= 4.0
-            again, fine = level.factor(which[pending], x[pending], ones[pending], shift[pending])
+            again, fine = level.factor(which[pending], x[pending], ones[pending], (shift * unit)[pending])
             factors.put(pending, again)
             pending = pending[~fine]
         generator = torch.Generator().manual_seed(7)

@@ -9,6 +9,7 @@ import torch
 
 from simcore.batch.cholesky import Factors
 from simcore.batch.level import BatchLevel
+from simcore.newton import FACTORISATIONS
 from simcore.placement import LIFT_M, STEP_S, STEPS, Perturbation, Pins
 
 Tensor = torch.Tensor
@@ -94,12 +95,16 @@ def _step(level: BatchLevel, which: Tensor, x: Tensor, velocity: Tensor, inertia
 
 
 def _positive(level: BatchLevel, which: Tensor, x: Tensor, inertia: Tensor) -> Factors:
-    """Factors with the inertia on the diagonal, raised fourfold where that is not enough."""
+    """Factors with the inertia on the diagonal, raised fourfold where that is not enough; positions that are not finite
+    have none."""
     nothing = torch.zeros(len(x), dtype=x.dtype, device=x.device)
     shift = inertia.clone()
     factors, good = level.factor(which, x, nothing, shift)
     pending = torch.nonzero(~good).ravel()
-    while len(pending) and bool(torch.isfinite(x[pending]).all()):
+    for _ in range(FACTORISATIONS):
+        pending = pending[torch.isfinite(x[pending]).all(dim=(1, 2, 3))]
+        if not len(pending):
+            break
         shift[pending] *= 4.0
         again, fine = level.factor(which[pending], x[pending], nothing[pending], shift[pending])
         factors.put(pending, again)

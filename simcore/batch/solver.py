@@ -27,7 +27,7 @@ from simcore.errors import InputError
 from simcore.loads import Load
 from simcore.mesh import GridMesh
 from simcore.newton import NewtonOptions, Rest
-from simcore.placement import Perturbation, Pins
+from simcore.placement import STEPS, Perturbation, Pins
 from simcore.scenes import GRAVITY_M_S2
 from simcore.solver import cascade, prolong, softened
 from simcore.verdict import verdict
@@ -80,7 +80,8 @@ class BatchSolver:
             time_limit_s: CPU seconds for each of those that are put up again; the others end together.
 
         Returns:
-            A drape for each, in their order. ``seconds`` is its share of the CPU time of its batch.
+            A drape for each, in their order. ``seconds`` is its share of the CPU time of its batch and, where it was
+            put up again, the time that took.
         """
         for request in requests:
             check_request(self.mesh, request.setup, None, time_limit_s)
@@ -97,8 +98,10 @@ class BatchSolver:
         single = self._alone.solve([requests[n] for n in alone], time_limit_s)
         self.put_up_again_s += time.perf_counter() - began
         for n, drape in zip(alone, single, strict=True):
-            before = drapes[n].seconds if n in drapes else 0.0
-            drapes[n] = replace(drape, seconds=drape.seconds + before)
+            if n in drapes:
+                seconds, steps = drape.seconds + drapes[n].seconds, drape.iterations + drapes[n].iterations
+                drape = replace(drape, seconds=seconds, iterations=steps)
+            drapes[n] = drape
         return [drapes[n] for n in range(len(requests))]
 
     def _batch(self, requests: Sequence[Request]) -> list[Drape]:
@@ -136,10 +139,10 @@ class BatchSolver:
             return list(zip(own, pool.map(crossings, own), strict=True))
 
     def _cascade(self, requests: Sequence[Request]) -> tuple[BatchRest, Tensor, Tensor]:
-        """Rest on the last level, energies [J] and steps taken on all."""
+        """Rest on the last level, energies [J] and steps taken on all, those of putting up included."""
         randoms = [Perturbation.draw(r.setup, r.jitter, seed_sequence(r.seed)) for r in requests]
         x: Tensor | None = None
-        steps = torch.zeros(len(requests), dtype=torch.int64, device=self.device.torch)
+        steps = torch.full((len(requests),), STEPS, dtype=torch.int64, device=self.device.torch)
         rest: BatchRest | None = None
         for level in self.levels:
             x = self._begin(level, x, requests, randoms)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,16 +14,29 @@ import numpy as np
 import pytest
 
 from metric.library import load_library
+from simcore.checks import seed_sequence
 from simcore.drape import Drape
 from simcore.errors import DrapemeterError, InputError
-from simcore.mechanics import LARGEST, Crease, EdgeCurl, FrozenCurvature, Jitter, Mechanics, UniformCurvature
+from simcore.mechanics import (
+    LARGEST,
+    LARGEST_JITTER,
+    NO_JITTER,
+    Crease,
+    EdgeCurl,
+    FrozenCurvature,
+    Jitter,
+    Mechanics,
+    UniformCurvature,
+)
 from simcore.mesh import GridMesh
+from simcore.newton import FACTORISATIONS
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
+from simcore.placement import Perturbation, Pins, put_up
 from simcore.sampling_tables import read_fabric_list
 from simcore.scenes import Scene, Setup
 from simcore.solver import Solver
 
-from .rigs import FABRICS, Newton, NewtonOptions, Rig, strip
+from .rigs import FABRICS, Level, Newton, NewtonOptions, Rig, strip
 
 MEDIUM = FABRICS["medium"]
 HANGING = Setup.nominal(Scene.HANGING)
@@ -93,6 +108,23 @@ def test_a_resolution_that_divides_both_sides_is_advised(size_m: tuple[float, fl
     GridMesh(suggested, size_m)
 
 
+def test_half_a_metre_in_millimetres_is_the_finest() -> None:
+    assert GridMesh(0.001).vertex_count == 251_001
+
+
+@pytest.mark.parametrize(("cell_m", "size_m"), [(0.001, (5.0, 5.0)), (0.001, (0.6, 0.6)), (0.0013, (2.0, 3.0))])
+def test_a_mesh_that_no_machine_brings_to_rest(cell_m: float, size_m: tuple[float, float]) -> None:
+    error = refused(lambda: GridMesh(cell_m, size_m), "vertices", "300,000", "try")
+    assert error.code == "mesh_too_large"
+    suggested = float(str(error).rsplit(" ", 1)[-1])
+    assert suggested > cell_m and 150_000 < GridMesh(suggested, size_m).vertex_count <= 300_000
+
+
+@pytest.mark.parametrize("size_m", [(1e308, 1e308), (1e9, 0.5), (100.0, 100.0)])
+def test_samples_that_no_cell_cuts_into_few(size_m: tuple[float, float]) -> None:
+    assert refused(lambda: GridMesh(0.05, size_m), "cut it up").code == "mesh_too_large"
+
+
 @pytest.mark.parametrize("length", [0.0, -0.5, math.nan, math.inf])
 def test_a_sample_without_a_size(length: float) -> None:
     assert refused(lambda: GridMesh(0.01, (length, 0.5)), "sample size").code == "sample_size"
@@ -148,9 +180,16 @@ def test_pins_on_another_panel(solver: Solver) -> None:
     assert refused(lambda: solver.solve(MEDIUM, over), "bottom_right", "y points up").code == "pins_crossed"
 
 
-@pytest.mark.parametrize("seed", [-1, 1.5, "one"])
+@pytest.mark.parametrize("seed", [-1, 1.5, "one", "1", None, True, [1, None], (2, False), np.array([True]), [1.0]])
 def test_a_seed_that_is_none(seed: Any, solver: Solver) -> None:
     assert refused(lambda: solver.solve(MEDIUM, HANGING, seed=seed), "whole number").code == "seed_negative"
+
+
+def test_seeds_that_are_some() -> None:
+    for seed in (0, np.int64(3), (1, 2), [1, (2, 3)], np.array([4, 5]), 2**200):
+        assert (
+            seed_sequence(seed).generate_state(2).tobytes() == np.random.SeedSequence(seed).generate_state(2).tobytes()
+        )
 
 
 def test_mechanics_without_meaning() -> None:
@@ -158,6 +197,10 @@ def test_mechanics_without_meaning() -> None:
         {"air_pressure_pa": math.nan},
         {"gravity": (0.0, 0.0, 0.0)},
         {"gravity": (0.0, math.inf, 0.0)},
+        {"gravity": (0.0, -9.81)},
+        {"gravity": (0.0, -9.81, 0.0, 0.0)},
+        {"gravity": (0.0, -0.009, 0.0)},
+        {"off_grain_rad": -3.2},
         {"stiffening_strain": 0.0},
         {"stiffening_strain": -0.1},
         {"stiffening_strain": math.nan},
@@ -172,6 +215,17 @@ def test_mechanics_without_meaning() -> None:
         {"friction": math.nan},
     ):
         assert refused(lambda change=change: Mechanics(**change)).code == "mechanics"
+
+
+def test_a_range_of_adhesion_that_is_none() -> None:
+    assert "without adhesion" in str(refused(lambda: Mechanics(adhesion_range_m=0.0), "adhesion_range_m = 0"))
+
+
+@pytest.mark.parametrize("name", LARGEST_JITTER)
+def test_a_jitter_in_another_unit(name: str) -> None:
+    Jitter(**{name: LARGEST_JITTER[name]})
+    for size in (1.01 * LARGEST_JITTER[name], -1e-9, math.nan, math.inf):
+        assert refused(lambda size=size: Jitter(**{name: size}), name, "unit").code == "mechanics"
 
 
 @pytest.mark.parametrize("name", LARGEST)
@@ -237,6 +291,47 @@ def test_newton_ends_on_positions_that_are_not_finite() -> None:
     x[2, 2] = math.nan
     rest = Newton(rig.level, NewtonOptions()).minimise(x)
     assert not rest.converged and not rest.stable
+
+
+class NeverPositive:
+    """In place of a level's ``factor``: counts how often it is asked."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def __call__(self, *_: object, **__: object) -> int:
+        self.asked += 1
+        return 1
+
+
+def hung(monkeypatch: pytest.MonkeyPatch) -> tuple[Level, Pins, NeverPositive]:
+    """A sample whose Hessian is never positive."""
+    rig = Rig.of(strip(0.2, 0.1, 0.02), FABRICS["soft"], np.zeros((6, 11), dtype=bool))
+    factor = NeverPositive()
+    monkeypatch.setattr(rig.level, "factor", factor)
+    setup = Setup.nominal(Scene.HANGING, sample_size_m=(0.2, 0.1))
+    return rig.level, Pins.of(rig.level.grid, setup, np.zeros((2, 3))), factor
+
+
+def test_newton_ends_where_no_damping_makes_the_hessian_positive(monkeypatch: pytest.MonkeyPatch) -> None:
+    level, _, factor = hung(monkeypatch)
+    rest = Newton(level, NewtonOptions()).minimise(level.grid.rest.copy())
+    assert not rest.converged and rest.iterations == 0 and factor.asked == FACTORISATIONS
+    looks = itertools.count()
+    monkeypatch.setattr(time, "process_time", lambda: float(next(looks)))
+    rest = Newton(level, NewtonOptions(), deadline=4.0).minimise(level.grid.rest.copy())
+    assert not rest.converged and factor.asked == FACTORISATIONS + 5
+
+
+def test_putting_up_ends_where_no_shift_makes_the_hessian_positive(monkeypatch: pytest.MonkeyPatch) -> None:
+    level, pins, factor = hung(monkeypatch)
+    flat = Perturbation(np.zeros((2, 3)), np.zeros((4, 4, 4)), NO_JITTER)
+    x, steps = put_up(level, pins, flat)
+    assert steps == 0 and np.isfinite(x).all() and factor.asked == FACTORISATIONS
+    looks = itertools.count()
+    monkeypatch.setattr(time, "process_time", lambda: float(next(looks)))
+    assert put_up(level, pins, flat, deadline=3.0)[1] == 0
+    assert factor.asked == FACTORISATIONS + 4
 
 
 @pytest.mark.parametrize(

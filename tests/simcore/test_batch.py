@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +16,16 @@ import torch
 from simcore.batch.alone import Alone
 from simcore.batch.cholesky import BlockCholesky, invert_factor
 from simcore.batch.device import Device
+from simcore.batch.newton import BatchNewton
+from simcore.batch.placement import _positive
 from simcore.batch.request import Request
 from simcore.batch.solver import BatchSolver
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import DrapemeterError, InputError
 from simcore.mechanics import NO_JITTER, Mechanics, UniformCurvature
 from simcore.mesh import GridMesh
+from simcore.newton import FACTORISATIONS, NewtonOptions
+from simcore.placement import STEPS
 from simcore.scenes import GRAVITY_M_S2, Scene, Setup
 from simcore.solver import Solver
 
@@ -68,6 +75,68 @@ def test_the_batch_itself_brings_them_to_rest(batch: BatchSolver, drapes: list[D
     # a batch whose drapes all came from the single solver would pass every other test here
     assert batch.put_up_again <= 2
     assert {drape.status for drape in drapes} == {DrapeStatus.STILL}
+
+
+def test_steps_are_those_of_putting_up_too(batch: BatchSolver, drapes: list[Drape]) -> None:
+    single = Solver(MESH)
+    for request, drape in list(zip(REQUESTS, drapes, strict=True))[::5]:
+        own = single.solve(request.fabric, request.setup, seed=3, mechanics=request.mechanics)
+        assert own.iterations > STEPS < drape.iterations < STEPS + 3 * (own.iterations - STEPS)
+
+
+def test_steps_and_seconds_of_a_first_attempt_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    batch, request = BatchSolver(MESH, "cpu", most=1), REQUESTS[0]
+    own = Solver(MESH).solve(request.fabric, request.setup, seed=3)
+    failed = replace(own, status=DrapeStatus.NOT_STILL, iterations=1000, seconds=2000.0)
+    monkeypatch.setattr(batch, "_batch", lambda requests: [failed for _ in requests])
+    again = batch.solve([request])[0]
+    assert again.ok and again.iterations == own.iterations + 1000 and again.seconds > 2000.0
+
+
+class Shifted:
+    """In place of a level: one unknown a cloth, whose Hessian is positive from some shift on."""
+
+    def __init__(self, needed: list[float], weights: list[float], hu: float = 0.02) -> None:
+        self.needed, self.weights = torch.tensor(needed), torch.tensor(weights)
+        self.grid, self.free = SimpleNamespace(hu=hu), torch.ones((len(needed), 1, 1, 1))
+        self.shifts: list[list[float]] = []
+
+    def factor(self, which: torch.Tensor, x: torch.Tensor, blend: torch.Tensor, shift: torch.Tensor) -> Any:
+        """Factors that are the shifts, and which are positive."""
+        one = shift.reshape(len(which))
+        self.shifts.append(one.tolist())
+        factors = SimpleNamespace(shift=one.clone())
+        factors.put = lambda rows, others: factors.shift.__setitem__(rows, others.shift)
+        return factors, (one >= self.needed[which]) & torch.isfinite(x).all(dim=(1, 2, 3))
+
+    def solve(self, factors: Any, right: torch.Tensor) -> torch.Tensor:
+        """Nothing changes."""
+        return right
+
+
+def test_a_cloth_that_is_not_finite_does_not_keep_others_from_their_shifts() -> None:
+    level: Any = Shifted([0.0, 50.0, 0.0, 3.0], [1.0] * 4)
+    x = torch.zeros((4, 1, 1, 3), dtype=torch.float64)
+    x[2] = math.nan
+    factors: Any = _positive(level, torch.arange(4), x, torch.ones((4, 1, 1), dtype=torch.float64))
+    assert factors.shift.tolist() == [1.0, 64.0, 1.0, 4.0]
+    assert [len(shifts) for shifts in level.shifts] == [4, 2, 1, 1]
+
+
+def test_a_hessian_that_no_shift_makes_positive_ends() -> None:
+    level: Any = Shifted([math.inf], [1.0])
+    _positive(level, torch.arange(1), torch.zeros((1, 1, 1, 3)), torch.ones((1, 1, 1), dtype=torch.float64))
+    assert len(level.shifts) == FACTORISATIONS + 1
+
+
+def test_shifts_at_a_saddle_are_counted_as_those_of_a_single_drape() -> None:
+    """In weights of a vertex over the cell, which is what damping is counted in."""
+    level: Any = Shifted([0.0, 1e-3, 1e4], [0.02, 0.04, 0.02])
+    x = torch.zeros((3, 1, 1, 3), dtype=torch.float64)
+    BatchNewton(level, NewtonOptions())._lowest_modes(torch.arange(3), x)
+    assert level.shifts[0] == pytest.approx([1e-4, 2e-4, 1e-4])
+    assert [shifts[0] for shifts in level.shifts[1:3]] == pytest.approx([8e-4, 32e-4])
+    assert 1e4 <= level.shifts[-1][0] < 4e4
 
 
 def test_certified_by_an_eigenvalue_solver(drapes: list[Drape]) -> None:

@@ -245,6 +245,14 @@ def test_a_drape_is_continued_where_it_hangs(solver: Solver, drapes: Drapes) -> 
     assert cloth_of(moved, FABRICS["stiff"], setup, jitter=NO_JITTER).residual(positions(moved)) < 1e-3
 
 
+def test_a_drape_to_start_from_may_be_of_single_precision(solver: Solver, drapes: Drapes) -> None:
+    first = drapes["stiff", Scene.HANGING]
+    single = replace(first, vertices=np.asfortranarray(first.vertices, dtype=np.float32))
+    again = solver.solve(FABRICS["stiff"], Setup.nominal(Scene.HANGING), start=single)
+    assert again.ok and again.vertices.dtype == np.float64
+    assert np.abs(again.vertices - first.vertices).max() < 1e-4
+
+
 def test_out_of_time_is_said(solver: Solver) -> None:
     drape = solver.solve(FABRICS["soft"], Setup.nominal(Scene.HANGING), time_limit_s=0.0)
     assert drape.status is DrapeStatus.NOT_STILL

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from simcore.errors import MissingResourceError
-from simcore.lang import _claim, _own_folder
+from simcore.lang import _cache_folder, _claim, _own_folder
 
 
 def test_a_folder_of_ones_own_is_taken_and_closed_to_others(tmp_path: Path) -> None:
@@ -41,3 +41,13 @@ def test_each_claim_is_another_folder_and_those_of_others_are_passed_over(
     with pytest.raises(MissingResourceError, match="DRAPEMETER_KERNEL_CACHE to a folder of your own") as caught:
         _claim(tmp_path)
     assert caught.value.code == "kernel_cache"
+
+
+def test_processes_side_by_side_have_folders_of_their_own_wherever_they_are_told_to_keep_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DRAPEMETER_KERNEL_CACHE", str(tmp_path / "named"))
+    assert [_cache_folder(), _cache_folder()] == [tmp_path / "named" / n / "cache" for n in "01"]
+    monkeypatch.delenv("DRAPEMETER_KERNEL_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert _cache_folder() == tmp_path / "drapemeter" / "kernels" / "0" / "cache"

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from simcore.errors import MissingResourceError
+from simcore import pardiso
+from simcore.errors import MissingResourceError, SimulationError
 from simcore.grid import Grid
 from simcore.pardiso import Factorisation, _library
 
@@ -75,3 +81,79 @@ def test_memory_given_back_comes_again() -> None:
         assert factorisation.factor(values) == 0
         assert factorisation.solve(np.ones(N)) == pytest.approx(np.linalg.solve(whole, np.ones(N)), rel=1e-10)
         factorisation.forget()
+
+
+class Failing:
+    """oneMKL whose PARDISO fails in one phase."""
+
+    def __init__(self, phase: int, error: int) -> None:
+        self._phase, self._error, self._real = phase, error, _library()
+
+    def pardiso(self, *arguments: Any) -> None:
+        """As PARDISO; the phase is the fifth argument, the error the last."""
+        if arguments[4]._obj.value == self._phase:
+            arguments[-1]._obj.value = self._error
+        else:
+            self._real.pardiso(*arguments)
+
+
+@pytest.mark.parametrize("single", [False, True])
+@pytest.mark.parametrize("phase", [11, 22, 33])
+@pytest.mark.parametrize(("error", "words"), [(-2, "out of memory: .* coarser cells"), (-3, "ordered"), (-5, "inside")])
+def test_what_fails_is_said(single: bool, phase: int, error: int, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    failing = Failing(phase, error)
+    monkeypatch.setattr(pardiso, "_library", lambda: failing)
+    values, _ = symmetric(np.full(N, 2.0))
+    with pytest.raises(SimulationError, match=words) as caught:
+        factorisation = Factorisation(INDPTR, INDICES, single)
+        assert factorisation.factor(values) == 0
+        factorisation.solve(np.ones(N))
+    assert caught.value.code == "factorisation_failed"
+
+
+@pytest.mark.parametrize("single", [False, True])
+def test_a_pivot_of_zero_is_no_failure(single: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    failing = Failing(22, -4)
+    monkeypatch.setattr(pardiso, "_library", lambda: failing)
+    assert Factorisation(INDPTR, INDICES, single).factor(symmetric(np.full(N, 2.0))[0]) == N
+
+
+PROGRAM = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from simcore.grid import Grid
+from simcore.pardiso import Factorisation
+pattern = Grid(61, 61, 0.01, 0.01).pattern
+values = 0.02 * np.random.default_rng(0).standard_normal(len(pattern.indices))
+values[pattern.indptr[:-1]] = 3.0
+if len(sys.argv) > 1:
+    small = Grid(5, 5, 0.01, 0.01).pattern
+    Factorisation(small.indptr, small.indices).factor(np.ones(len(small.indices)))  # the library is loaded whole
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + int(sys.argv[1]), used + int(sys.argv[1])))
+factorisation = Factorisation(pattern.indptr, pattern.indices)
+print(factorisation.factor(values), factorisation.solve(np.ones(factorisation.n)).tobytes().hex())
+"""
+
+
+def run(repository: Path, *arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """The program above in a process of its own."""
+    own = {name: value for name, value in os.environ.items() if not name.startswith("MKL_")}
+    return subprocess.run(
+        [sys.executable, "-c", PROGRAM, *arguments],
+        env=own | variables, cwd=str(repository), capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("layer", ["GNU", "INTEL"])
+def test_the_same_bits_whatever_layer_of_threads_the_environment_names(layer: str, repository: Path) -> None:
+    plain, named = run(repository), run(repository, MKL_THREADING_LAYER=layer, MKL_NUM_THREADS="2")
+    assert plain.returncode == named.returncode == 0, named.stderr
+    assert plain.stdout.startswith("0 ") and plain.stdout == named.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_too_little_memory_is_said(repository: Path) -> None:
+    done = run(repository, str(8 << 20))
+    assert done.returncode == 1 and "SimulationError: out of memory: 11163 equations" in done.stderr, done.stderr

@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm, spearmanr
 
+from simcore.bending import PlateRigidity
 from simcore.errors import InputError
-from simcore.parameters import PARAMETER_NAMES
+from simcore.parameters import PARAMETER_NAMES, FabricParameters
 from simcore.prior import DEFAULT_RANGES, FabricPrior, check_ranges, is_admissible
 from simcore.sampling import RandomDesign, SobolDesign
 
@@ -59,6 +60,25 @@ def test_every_fabric_lies_in_the_ranges_and_is_a_stable_plate() -> None:
 def test_an_inadmissible_plate_is_named_so() -> None:
     fabric = np.array([[100.0, 100.0, 50.0, 4e-5, 1e-5, 0.24e-5, 0.2], [100.0, 100.0, 50.0, 4e-5, 1e-5, 0.28e-5, 0.2]])
     assert is_admissible(fabric).tolist() == [False, True]  # 4 B_bias against 1.1 x 1e-5
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.1, 1.5, 4.0])
+def test_what_is_admissible_is_simulated_as_stated(ratio: float) -> None:
+    """Warp and weft nearly alike leave a bias of next to nothing its margin, but no plate has it."""
+    warp, weft = 1e-4 * ratio, 1e-4
+    bias = np.linspace(1e-7, 4e-5, 400)
+    fabrics = np.tile([100.0, 100.0, 50.0, warp, weft, 0.0, 0.2], (400, 1))
+    fabrics[:, 5] = bias
+    raised = np.array([PlateRigidity.of(FabricParameters.from_array(row)).bias_raised for row in fabrics])
+    assert raised.any() and not raised.all()
+    assert not is_admissible(fabrics)[raised].any()
+    assert np.array_equal(is_admissible(fabrics, margin=1.0), ~raised)
+
+
+def test_no_fabric_of_the_prior_is_another_for_that() -> None:
+    assert all(not PlateRigidity.of(FabricParameters.from_array(row)).bias_raised for row in MANY)
+    warp, weft, bias = MANY[:, 3:6].T
+    assert ((4.0 * bias - warp - weft) / np.sqrt(warp * weft)).min() > -1.95
 
 
 def test_marginals_are_the_measured_log_normal_cut_off() -> None:
