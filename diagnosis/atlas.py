@@ -14,11 +14,10 @@ from diagnosis.afresh import alike
 from diagnosis.afresh.fresh import is_mechanical, moves_camera
 from diagnosis.afresh.further import FURTHER, TRIAL_LOOKS
 from diagnosis.afresh.moved_pin import MOST_TRIALS
-from diagnosis.afresh.refinement import CANDIDATES, LOOKS, PICTURE_ROUNDS
+from diagnosis.afresh.refinement import CLOTH_EFFECTS, LOOKS, PICTURE_ROUNDS
 from diagnosis.afresh.second import MOST_SIZES, SECOND_EFFECTS
 from diagnosis.afresh.through import THROUGH_PAIRS, THROUGH_ROUNDS
-from diagnosis.afresh.together import CANDIDATES as PAIRS
-from diagnosis.afresh.together import ROUNDS as PAIR_ROUNDS
+from diagnosis.afresh.together import PAIR_ROUNDS, ROUND_PAIRS
 from diagnosis.atlas_part import AtlasPart
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
@@ -145,9 +144,9 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
         for name in {capture.scene.setup.scene.value for capture in task.captures}:
             own = [c for c in task.captures if c.scene.setup.scene.value == name]
             closer = name == "stretch" and len(tasks) > 1  # with one fabric nothing is looked at closer
-            looks = CANDIDATES if closer else 0
+            looks = CLOTH_EFFECTS if closer else 0
             further = LOOKS + alike.most_looks(task.effects) + TRIAL_LOOKS if closer else 0
-            pairs = PAIR_ROUNDS * PAIRS + THROUGH_ROUNDS * THROUGH_PAIRS
+            pairs = PAIR_ROUNDS * ROUND_PAIRS + THROUGH_ROUNDS * THROUGH_PAIRS
             further += pairs + SECOND_EFFECTS if closer else 0
             if len(tasks) > 1:
                 further += PICTURE_ROUNDS * sum(moves_camera(effect) for effect in task.effects) * STARTS[name]

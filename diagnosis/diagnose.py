@@ -16,7 +16,7 @@ from diagnosis.afresh.fresh import FreshLook, Sized
 from diagnosis.afresh.further import look_further
 from diagnosis.afresh.grip import Grip, judge_grip, with_other_grip
 from diagnosis.afresh.moved_pin import outdone_by_a_pin
-from diagnosis.afresh.once import Weigh, once
+from diagnosis.afresh.once import Name, once
 from diagnosis.afresh.probing import look_probed
 from diagnosis.afresh.refinement import look_again
 from diagnosis.afresh.second import look_for_second
@@ -161,8 +161,6 @@ def conclude(
     effects: tuple[str, ...],
     assumed: tuple[str, ...] = (),
     began: float | None = None,
-    noise: NoiseModel = NoiseModel(),
-    model: LikelihoodModel = LikelihoodModel(),
     *,
     cache: DrapeCache | None = None,
     lpips: bool = False,
@@ -175,8 +173,6 @@ def conclude(
         effects: names that were tried.
         assumed: what had to be, in words.
         began: when the work began (monotonic), for the report's cost.
-        noise: the usual errors; the captures may make smaller ones likely (:mod:`diagnosis.inference.granted`).
-        model: of the likelihood.
         cache: where fresh simulations of what may be named are kept; None: statistics alone.
         lpips: measure the shrinkage in LPIPS, too; needs ``cache``.
         workers: that simulate fabrics side by side.
@@ -185,17 +181,24 @@ def conclude(
 
     with threadpool_limits(1):  # small matrices: more threads cost more than they give
         looks = {} if cache is None else {r.task.id: FreshLook(Simulator(cache), r) for r in results}
-        return _Conclusion(effects, noise, model, workers).of(list(results), looks, assumed, began, lpips)
+        return _Conclusion(effects, workers).of(list(results), looks, assumed, began, lpips)
 
 
 @dataclass(frozen=True)
 class _Conclusion:
-    """Statistics under one set of assumptions."""
+    """Statistics under one set of assumptions.
+
+    Attributes:
+        effects: names that are tried.
+        workers: that simulate fabrics side by side.
+        noise: the usual errors; the captures may make smaller ones likely (:mod:`diagnosis.inference.granted`).
+        model: of the likelihood.
+    """
 
     effects: tuple[str, ...]
-    noise: NoiseModel
-    model: LikelihoodModel
     workers: Workers
+    noise: NoiseModel = NoiseModel()
+    model: LikelihoodModel = LikelihoodModel()
 
     def of(
         self,
@@ -250,13 +253,13 @@ class _Conclusion:
                 cached=cost.cached,
             ),
             model_version=MODEL_VERSION,
-            assumed=list(assumed),
+            assumed=assumed,
         )
         left_out = () if measured is None else measured.held
         return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, left_out, looks)
 
     def _looked_at(
-        self, looks: dict[str, FreshLook], name: Weigh, scene: str, noise: NoiseModel, *, grip: bool
+        self, looks: dict[str, FreshLook], name: Name, scene: str, noise: NoiseModel, *, grip: bool
     ) -> tuple[dict[str, FreshLook], Grip | None]:
         """Fabrics as closer looks leave them, cut short where magnets hold otherwise; how they do, if ``grip`` asks."""
         weigh = partial(self.weigh, noise=noise)

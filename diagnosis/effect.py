@@ -226,12 +226,20 @@ class Effect:
         return np.asarray(odds / odds.sum())
 
     def number_of(self, size: Size) -> int:
-        """Which of :attr:`tried` a size is at.
+        """Which of :attr:`tried` a size is at; one that says nothing of its place is at the first.
 
         Raises:
-            StopIteration: at none of them.
+            InputError: at none of them.
         """
-        return next(n for n, place in enumerate(self.tried) if all(size[key] == at for key, at in place.items()))
+        own = {key: size.get(key, at) for key, at in self.places[0].items()}
+        for number, place in enumerate(self.tried):
+            if all(own[key] == at for key, at in place.items()):
+                return number
+        where = ", ".join(f"{key} {at:g}" for key, at in own.items())
+        raise InputError(
+            f"{self.name} is not looked for at {where}: give one of the {len(self.tried)} places where it is tried",
+            code="effect_place",
+        )
 
     @property
     def moves_cloth(self) -> bool:

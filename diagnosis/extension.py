@@ -58,9 +58,8 @@ class SimulatorExtension(BaseModel):
         found = []
         for effect in report.cause.effects:
             known = get_effect(effect.name)
-            place = dict((effect.model_extra or {}).get("place", {}))
             magnitude = effect.magnitude
-            size = dict(magnitude) if isinstance(magnitude, dict) else {**known.size(magnitude), **place}
+            size = dict(magnitude) if isinstance(magnitude, dict) else {**known.size(magnitude), **effect.place}
             found.append(AppliedEffect(name=effect.name, size=known.size(size)))
         return cls(effects=tuple(found), pin_radius_m=pin_radius_m)
 

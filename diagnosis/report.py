@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 FORMAT: Final = "drape-gap-report/1"
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -16,15 +16,35 @@ StageName = Literal["fabric", "setup", "environment", "camera", "sensor"]
 class _Model(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
 
+    may_lack: ClassVar[tuple[str, ...]] = ()
+    """Fields that are not written where they were not given: the format does without them."""
+
+    @model_serializer(mode="wrap")
+    def _as_given(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = write(self)
+        lacking = set(self.may_lack) - self.model_fields_set
+        return {key: value for key, value in written.items() if key not in lacking}
+
 
 class Gap(_Model):
-    """Whether captures and simulations differ by more than repeats do."""
+    """Whether captures and simulations differ by more than repeats do.
+
+    Attributes:
+        scene: of the captures that ``value`` and ``noise_floor`` are of.
+        p_shape, p_pixels, p_factor: of the three tests (:func:`diagnosis.gap.detection.detect`).
+    """
+
+    may_lack = ("scene", "p_shape", "p_pixels", "p_factor")
 
     detected: bool
     p_value: Probability
     value: float
     noise_floor: float
     unit: str = "mm"
+    scene: str | None = None
+    p_shape: float | None = None
+    p_pixels: float | None = None
+    p_factor: float | None = None
 
 
 class RegionGap(_Model):
@@ -58,13 +78,16 @@ class RegionGap(_Model):
 
 
 class FoundEffect(_Model):
-    """An effect that was named, with its size."""
+    """An effect that was named, with its size; ``place``: the components that say where or which way."""
+
+    may_lack = ("place",)
 
     name: str
     stage: StageName
     magnitude: float | dict[str, float]
     unit: str
     interval_90: tuple[float, float] | dict[str, tuple[float, float]]
+    place: dict[str, float] = {}
 
 
 class CauseReport(_Model):
@@ -171,14 +194,25 @@ class Shrinkage(_Model):
 
 
 class CostReport(_Model):
-    """Simulations solved for this report and its wall-clock seconds."""
+    """Simulations solved for this report and its wall-clock seconds.
+
+    Attributes:
+        solver_seconds: of the solver alone.
+        cached: simulations that were at hand.
+    """
+
+    may_lack = ("solver_seconds", "cached")
 
     simulations: int
     seconds: float
+    solver_seconds: float = 0.0
+    cached: int = 0
 
 
 class GapReport(_Model):
-    """Everything the diagnosis says of a capture set."""
+    """Everything the diagnosis says of a capture set; ``assumed``: what had to be, in words."""
+
+    may_lack = ("assumed",)
 
     format: Literal["drape-gap-report/1"] = FORMAT
     gap: Gap
@@ -188,6 +222,7 @@ class GapReport(_Model):
     parameters_refitted: bool
     cost: CostReport
     model_version: str
+    assumed: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Plain JSON value."""

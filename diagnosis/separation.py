@@ -53,7 +53,7 @@ class Signature:
 
     def of(self, effect: Effect, size: Mapping[str, float]) -> Array:
         """Response to an effect of one size, [all]."""
-        return np.asarray(self.rows(effect, _place(effect, size), weights_of(effect, size))[0])
+        return np.asarray(self.rows(effect, effect.number_of(size), weights_of(effect, size))[0])
 
     def rows(self, effect: Effect, place: int, weights: Array) -> Array:
         """Responses for rows of node weights [sizes, nodes], [sizes, all]."""
@@ -67,13 +67,6 @@ def weights_of(effect: Effect, size: Mapping[str, float]) -> Array:
     if effect.vector:
         return node_weights(effect, size)[None]
     return interpolation(effect, np.array([size[SCALAR]]))
-
-
-def _place(effect: Effect, size: Mapping[str, float]) -> int:
-    for number, place in enumerate(effect.tried):
-        if all(size.get(key, value) == value for key, value in place.items()):
-            return number
-    return 0
 
 
 def leftover(signature: Signature, target: Array, other: Effect) -> float:

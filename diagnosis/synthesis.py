@@ -32,6 +32,7 @@ Pictures = Callable[[FabricParameters, SimulationScene, tuple[int, ...]], NDArra
 SET_CAMERA = Camera(640, 480, 475.0, 475.0, 319.5, 239.5)
 SET_SENSOR = SensorModel(range_noise_m=0.001, at_m=0.9, quantisation_m=0.0002)
 ATTEMPTS = 4
+MISSTATED_ATTEMPTS = 100
 SCENE_NUMBERS = {"hanging": 0, "stretch": 1}
 NO_CACHE = DrapeCache(None)
 DIAGNOSABLE = {
@@ -84,13 +85,21 @@ def draw_fabrics(count: int, seed: int) -> list[FabricParameters]:
 def misstate(
     fabric: FabricParameters, parameters_cv: float, density_cv: float, rng: np.random.Generator
 ) -> FabricParameters:
-    """Parameters as somebody measured them: each off by a log-normal error."""
+    """Parameters as somebody measured them: each off by a log-normal error.
+
+    Raises:
+        SimulationError: whatever the errors, such a cloth would not be stable.
+    """
     sigma = np.array([parameters_cv] * 6 + [density_cv])
-    for _ in range(100):
+    for _ in range(MISSTATED_ATTEMPTS):
         values = fabric.as_array() * np.exp(sigma * rng.standard_normal(7))
         if is_admissible(values[None])[0]:
             return FabricParameters.from_array(values)
-    return fabric
+    raise SimulationError(
+        f"none of {MISSTATED_ATTEMPTS} fabrics about as stated is stable: state a larger bending_bias beside "
+        "bending_warp and bending_weft",
+        code="fabric_not_stable",
+    )
 
 
 def real_fabric(plan: SynthesisPlan, number: int, stated: FabricParameters, *, first: bool) -> FabricParameters:

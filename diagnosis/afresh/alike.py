@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Set
 
 from diagnosis.afresh.fresh import FreshLook
-from diagnosis.afresh.once import Weigh as Name
-from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Search, Weigh, leader
+from diagnosis.afresh.once import Name
+from diagnosis.afresh.refinement import CLOTH_EFFECTS, LATER_CLOTH_EFFECTS, LOOK_ROUNDS, Search, Weigh, leader
 from diagnosis.afresh.second import over_the_range
 from diagnosis.effect import SCALAR, Effect
 from diagnosis.effects import get_effect
@@ -27,7 +27,7 @@ def most_looks(effects: Sequence[str]) -> int:
     pressing = _one_of_twins([get_effect(name) for name in effects if get_effect(name).presses])
     if len(pressing) < 2:
         return 0
-    return (len(pressing) - 1) * ALIKE_SIZES + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
+    return (len(pressing) - 1) * ALIKE_SIZES + LOOK_ROUNDS * (CLOTH_EFFECTS + LATER_CLOTH_EFFECTS)
 
 
 def look_alike(

@@ -8,13 +8,13 @@ import numpy as np
 
 from diagnosis.afresh.by_distance import most, squares
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
-from diagnosis.afresh.once import Weigh as Name
+from diagnosis.afresh.once import Name
 from diagnosis.afresh.refinement import Search, Weigh, leader
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 from diagnosis.workers import ALONE, Workers
 
-NEARER = 0.9
+BESIDE_LEAVES = 0.9
 """Share of most fabrics' square distances that a place beside the fitted one must leave less than."""
 
 
@@ -60,7 +60,7 @@ def _nearer(
     own, *rest = squares(looks, [[fitted], *([other] for other in others)], scene, workers)
     left = [most(found, own) for found in rest]
     nearest = int(np.argmin(left))
-    return [others[nearest]] if left[nearest] < NEARER else []
+    return [others[nearest]] if left[nearest] < BESIDE_LEAVES else []
 
 
 def further_places(effect: Effect, size: Mapping[str, float]) -> list[int]:

@@ -76,12 +76,11 @@ def _squares(look: FreshLook, starts: Sequence[Start], scene: str) -> Array:
     capture = first_capture(look, scene)
     if capture is None:
         return np.full(len(starts), math.inf)
-    task = look.result.task
-    depth = next(c.depth for c in task.captures if c.id == capture.id)
+    fabric, depth = look.result.task.parameters, look.task_of(capture).depth
     found = []
     for start in starts:
         state, changed = start(look, capture)
-        reached = look.simulator.proceed(state, task.parameters, changed)
+        reached = look.simulator.proceed(state, fabric, changed)
         found.append(state_distance(depth, reached.drape, changed) ** 2 if reached.drape.ok else math.inf)
     return np.array(found)
 

@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 ALONG = [0, 1, 5]
 """What is found again: shifts along the panel and the turn about its normal. The panel shows the rest; without
 one the pose's error grants it (:mod:`diagnosis.simulation.pose_error`)."""
-ROUNDS = 8
+POSE_STEPS = 8
+"""Of Gauss-Newton, at most."""
 NO_FURTHER = 0.05
 """A step of fewer standard deviations is the last."""
 
@@ -60,7 +61,7 @@ def _refound(
     scenes = {name: capture.scene for name, capture in seen.items()}
     found, fewest = scenes, np.inf
     total = np.zeros(6)
-    for _ in range(ROUNDS):
+    for _ in range(POSE_STEPS):
         precision, right, squares = np.eye(len(ALONG)), -total[ALONG], float(total @ total)
         for result in results:
             for scene in sorted({c.scene for c in result.captures}):
@@ -97,7 +98,7 @@ def _whitened(
     from scipy.linalg import solve_triangular
 
     covariance = feature_covariance([replace(c, pose=None) for c in captures], sigma, noise)
-    on_plane = np.concatenate([np.arange(c.reference.count + 3) >= c.reference.count for c in captures])
+    on_plane = np.concatenate([np.arange(c.reference.length) >= c.reference.count for c in captures])
     seen = np.isfinite(measured) & ~on_plane
     rows = np.concatenate([c.pose[ALONG] for c in captures if c.pose is not None], axis=1)[:, seen]
     factor = np.linalg.cholesky(covariance[np.ix_(seen, seen)])

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from diagnosis.afresh.by_distance import most, squares
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical, moves_camera
-from diagnosis.afresh.once import Weigh as Name
-from diagnosis.afresh.refinement import CANDIDATES, LATER_CANDIDATES, ROUNDS, Search, Weigh, leader
+from diagnosis.afresh.once import Name
+from diagnosis.afresh.refinement import CLOTH_EFFECTS, LATER_CLOTH_EFFECTS, LOOK_ROUNDS, Search, Weigh, leader
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.larger import MUCH
@@ -18,7 +18,7 @@ FURTHER = 6
 AS_NEAR, MOST_AS_NEAR = 3.0, 3
 """Beside one that is named, the nearest others are simulated on trial, so many at most, where most fabrics' square
 distances are below this times those with it, when they simply come on: folds that captures lead to are nearer."""
-TRIAL_LOOKS = FURTHER + ROUNDS * (CANDIDATES + LATER_CANDIDATES)
+TRIAL_LOOKS = FURTHER + LOOK_ROUNDS * (CLOTH_EFFECTS + LATER_CLOTH_EFFECTS)
 """Simulations of effects for a capture, at most: on trial, and in rounds where that shows more."""
 
 
@@ -32,7 +32,7 @@ def look_further(
 
     Args:
         looks: by fabric, as :func:`look_again` leaves them.
-        weigh: see :data:`Weigh`.
+        weigh: see :data:`diagnosis.afresh.refinement.Weigh`.
         name: the answer from results, two effects together included.
         scene: whose captures are looked at again.
         workers: that simulate fabrics side by side.

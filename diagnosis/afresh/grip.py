@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.afresh.by_distance import first_capture
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
 from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effects import get_effect
@@ -28,7 +29,7 @@ FITS_M = 0.001
 """Captures that the best explanation leaves less than this beyond the noise say nothing against the magnets."""
 FLOOR_M = 0.0005
 """Differences below this are alike."""
-NEARER = 0.5
+OTHER_GRIP_LEAVES = 0.5
 """What is left [m²] falls to less than this share (geometric mean of the fabrics) before a set is believed wrong."""
 SEVERAL = 4
 """Of so many fabrics the folds of one may have been missed; of three, two that are nearer are not enough."""
@@ -54,8 +55,8 @@ class Grip:
         """
         squares = np.sort(2.0 * np.log(self.other / self.stated))
         in_all = squares[-1] <= 0.0
-        in_others = len(squares) >= SEVERAL and squares[-2] < np.log(NEARER)
-        return bool(squares.mean() < np.log(NEARER) and (in_all or in_others))
+        in_others = len(squares) >= SEVERAL and squares[-2] < np.log(OTHER_GRIP_LEAVES)
+        return bool(squares.mean() < np.log(OTHER_GRIP_LEAVES) and (in_all or in_others))
 
     def sentence(self, stated_m: float) -> str:
         """In words, for the report."""
@@ -84,7 +85,7 @@ def judge_grip(looks: Mapping[str, FreshLook], cause: Cause, workers: Workers = 
         None where that was not looked into: fewer than two fabrics in ``stretch``, magnets that are stated to differ
         between captures, cells that are larger than a patch, or captures that fit as it is stated.
     """
-    able = [look for look in looks.values() if _first(look) is not None]
+    able = [look for look in looks.values() if first_capture(look, SCENE) is not None]
     tasks = [look.result.task for look in looks.values()]
     others = {other_radius_m(c.scene.setup, task.resolution_m) for task in tasks for c in task.captures}
     if len(able) < 2 or len(others) > 1 or any(not _differs(look.result.task) for look in able):
@@ -123,10 +124,6 @@ def _differs(task: FabricTask) -> bool:
     return max(setup.pin_radius_m, other_radius_m(setup, task.resolution_m)) >= task.resolution_m
 
 
-def _first(look: FreshLook) -> CaptureResult | None:
-    return next((c for c in look.result.captures if c.scene == SCENE), None)
-
-
 def _tried(look: FreshLook, cause: Cause) -> list[tuple[Sized, ...]]:
     """None, and the likeliest effects on the cloth at the sizes that were simulated last."""
     solved = [name for name in look.sizes if is_mechanical(get_effect(name)) and name in cause.evidence]
@@ -136,23 +133,22 @@ def _tried(look: FreshLook, cause: Cause) -> list[tuple[Sized, ...]]:
 
 def _beyond(look: FreshLook, capture: CaptureResult, rms_m: float) -> float:
     """What of a distance is not noise, stated or seen, [m]; no less than what counts as alike."""
-    seen = float(np.exp(2.0 * np.nan_to_num(capture.measured.pixels[0], nan=-np.inf)))
+    seen = float(capture.measured.pixel_variance(-np.inf))
     return float(np.sqrt(max(rms_m**2 - max(noise_square(look.scene_of(capture)), seen), FLOOR_M**2)))
 
 
 def _known(look: FreshLook, effects: Sequence[Sized]) -> float:
     """Of the first capture from the nearest state that is known so far."""
-    capture = _first(look)
+    capture = first_capture(look, SCENE)
     assert capture is not None
     return _beyond(look, capture, look.distance(capture, effects) if effects else capture.rms_m)
 
 
 def _left(look: FreshLook, effects: Sequence[Sized]) -> tuple[float, float]:
     """The same with magnets as stated and otherwise, both searched alike."""
-    capture, task = _first(look), look.result.task
+    capture, task = first_capture(look, SCENE), look.result.task
     assert capture is not None
-    depth = next(c.depth for c in task.captures if c.id == capture.id)
-    simulator, fabric = look.simulator, task.parameters
+    simulator, fabric, depth = look.simulator, task.parameters, look.task_of(capture).depth
     scene, known = look.seen(capture, effects), look.drape(capture, effects)
 
     def near(radius_m: float) -> float:

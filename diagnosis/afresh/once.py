@@ -8,15 +8,15 @@ from operator import is_
 from diagnosis.inference.cause import Cause
 from diagnosis.tasks.fabric_task import FabricResult
 
-Weigh = Callable[[Sequence[FabricResult]], Cause]
-"""Probabilities from results, two effects together included."""
+Name = Callable[[Sequence[FabricResult]], Cause]
+"""The answer from results: probabilities, two effects together included."""
 
 
 KEPT = 2
 """Answers: a trial that changes nothing goes back to the one before."""
 
 
-def once(weigh: Weigh) -> Weigh:
+def once(name: Name) -> Name:
     """The same answers; where all results are those of one of the last calls (the same objects), its answer."""
     before: list[tuple[tuple[FabricResult, ...], Cause]] = []
 
@@ -24,7 +24,7 @@ def once(weigh: Weigh) -> Weigh:
         for known, cause in before:
             if len(known) == len(results) and all(map(is_, known, results)):
                 return cause
-        found = weigh(results)
+        found = name(results)
         before[:] = [*before, (tuple(results), found)][-KEPT:]
         return found
 

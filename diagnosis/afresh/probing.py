@@ -9,7 +9,7 @@ from functools import partial
 from diagnosis.afresh.each_capture import each_capture
 from diagnosis.afresh.fresh import FreshLook, is_mechanical
 from diagnosis.afresh.further import leaves_much, look_further
-from diagnosis.afresh.once import Weigh as Name
+from diagnosis.afresh.once import Name
 from diagnosis.afresh.refinement import Weigh
 from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effects import get_effect
@@ -31,7 +31,7 @@ def look_probed(
 
     Args:
         looks: by fabric, when all else has been looked at.
-        weigh: see :data:`Weigh`.
+        weigh: see :data:`diagnosis.afresh.refinement.Weigh`.
         name: the answer from results, two effects together included.
         scene: whose captures are looked at.
         workers: that simulate fabrics side by side.

@@ -8,7 +8,8 @@ from functools import partial
 
 import numpy as np
 
-from diagnosis.afresh.fresh import FreshLook, Sized, freshen, is_mechanical, moves_camera
+from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical, moves_camera
+from diagnosis.afresh.outcomes import freshen
 from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
@@ -17,14 +18,14 @@ from diagnosis.measurement.picture import state_distance
 from diagnosis.tasks.fabric_task import FabricResult
 from diagnosis.workers import ALONE, Workers
 
-ROUNDS, PICTURE_ROUNDS = 2, 4
+LOOK_ROUNDS, PICTURE_ROUNDS = 2, 4
 """So often at most is looked again: at anything, and where the size of an effect on the camera has moved, for which
 nothing but captures' states is sought again."""
-CANDIDATES, LATER_CANDIDATES = 3, 2
+CLOTH_EFFECTS, LATER_CLOTH_EFFECTS = 3, 2
 """Effects on the cloth: in the first round, and later or beside those that come near the leader."""
 NEAR_NATS, TRIAL_NATS = 5.0, 8.0
 """An effect whose log evidence is further behind is not looked at again; on trial, where nothing leads."""
-LOOKS = 2 * ROUNDS * (CANDIDATES + LATER_CANDIDATES) + CANDIDATES
+LOOKS = 2 * LOOK_ROUNDS * (CLOTH_EFFECTS + LATER_CLOTH_EFFECTS) + CLOTH_EFFECTS
 """Simulations of effects for a capture, at most: in rounds, on trial, in rounds again where a trial names something."""
 MOVED, MOVED_IN_PICTURES = 0.1, 0.02
 """A size that moves by a larger share is simulated again; of an effect on the camera, seen through again."""
@@ -93,14 +94,14 @@ class Search:
         for number in range(PICTURE_ROUNDS):
             results = [look.result for look in now.values()]
             cause = self.weigh(results, None)
-            near = candidates(cause)[: LATER_CANDIDATES if number else None]
+            near = candidates(cause)[: LATER_CLOTH_EFFECTS if number else None]
             first = leader(cause)
             if first is not None:  # a weaker one beside it is far behind it, and yet may be there
                 beside = candidates(self.weigh(results, (first, cause.evidence[first].size)))
                 cloth = any(get_effect(name).moves_cloth for name, _ in near)
-                most = LATER_CANDIDATES if number or cloth else CANDIDATES
+                most = LATER_CLOTH_EFFECTS if number or cloth else CLOTH_EFFECTS
                 near += [(n, s) for n, s in beside if n not in {name for name, _ in near}][:most]
-            wanted = [(n, s) for n, s in self.unseen(near) if number < ROUNDS or moves_camera(n)]
+            wanted = [(n, s) for n, s in self.unseen(near) if number < LOOK_ROUNDS or moves_camera(n)]
             through = () if first is None or not moves_camera(first) else ((first, cause.evidence[first].size),)
             if not wanted:
                 return {key: seen_through(look, through) for key, look in now.items()}
@@ -165,7 +166,7 @@ def candidates(cause: Cause, nats: float = NEAR_NATS) -> list[Sized]:
     )
     solved: list[Sized] = [(e.name, e.usual) for e in near if is_mechanical(get_effect(e.name))]
     rendered: list[Sized] = [(e.name, e.usual) for e in near if moves_camera(e.name)]
-    return solved[:CANDIDATES] + rendered
+    return solved[:CLOTH_EFFECTS] + rendered
 
 
 def alike(a: Mapping[str, float], b: Mapping[str, float], effect: Effect, moved: float = MOVED) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from diagnosis.afresh.by_distance import known_squares, most, squares
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
-from diagnosis.afresh.once import Weigh
+from diagnosis.afresh.once import Name
 from diagnosis.afresh.together import look_together, with_pairs
 from diagnosis.effect import SCALAR, Effect
 from diagnosis.effects import get_effect
@@ -27,12 +27,12 @@ SECOND_EFFECTS = 2
 """So many of the likeliest second effects are simulated."""
 MOST_SIZES = 8
 """At so many sizes at most is each simulated for a capture of each fabric (:func:`over_the_range`, :func:`around`)."""
-NEARER = 0.7
+SECOND_LEAVES = 0.7
 """Of the square of most fabrics' distances, a second effect leaves less than this share, or it is left alone."""
 
 
 def look_for_second(
-    looks: Mapping[str, FreshLook], name: Weigh, scene: str, workers: Workers = ALONE
+    looks: Mapping[str, FreshLook], name: Name, scene: str, workers: Workers = ALONE
 ) -> dict[str, FreshLook]:
     """The likeliest second effects on the cloth beside the leading one, where that leaves much unexplained.
 
@@ -105,7 +105,7 @@ def _nearest(
         return None
     left |= left_at(around(effect, best))
     best = min(left, key=lambda value: left[value])
-    return (first, (name, {SCALAR: best} | place)) if left[best] < NEARER else None
+    return (first, (name, {SCALAR: best} | place)) if left[best] < SECOND_LEAVES else None
 
 
 def over_the_range(effect: Effect) -> list[float]:

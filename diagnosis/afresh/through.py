@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from diagnosis.afresh.fresh import FreshLook, is_mechanical, moves_camera
-from diagnosis.afresh.once import Weigh as Name
+from diagnosis.afresh.once import Name
 from diagnosis.afresh.refinement import Search, Weigh
 from diagnosis.afresh.together import SOLVED_NATS
 from diagnosis.effects import get_effect

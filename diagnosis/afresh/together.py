@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.afresh.each_capture import each_capture
-from diagnosis.afresh.fresh import FreshLook, Sized, bend, bent, in_nearest_folds, is_mechanical, with_effects
-from diagnosis.afresh.once import Weigh
+from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical, with_effects
+from diagnosis.afresh.once import Name
+from diagnosis.afresh.outcomes import bend, bent, in_nearest_folds
 from diagnosis.afresh.refinement import alike
 from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effect import Stage
@@ -26,21 +27,21 @@ from diagnosis.tasks.fabric_task import CaptureResult
 from diagnosis.workers import ALONE, Workers
 
 Array = NDArray[np.float64]
-ROUNDS = 3
-CANDIDATES = 2
+PAIR_ROUNDS = 3
+ROUND_PAIRS = 2
 """So many pairs are solved in a round, and so many rendered."""
 SOLVED_NATS, LATER_NATS, RENDERED_NATS = 6.0, 2.0, 12.0
 """A pair whose log evidence is further behind is not solved, not solved after the first round, or not rendered."""
 
 
 def look_together(
-    looks: Mapping[str, FreshLook], weigh: Weigh, scene: str, workers: Workers = ALONE
+    looks: Mapping[str, FreshLook], name: Name, scene: str, workers: Workers = ALONE
 ) -> dict[str, FreshLook]:
     """The likeliest pairs simulated with both effects on, at the sizes that fit best.
 
     Args:
         looks: by fabric.
-        weigh: see :data:`diagnosis.afresh.once.Weigh`.
+        name: the answer from results, two effects together included.
         scene: whose captures are looked at again.
         workers: that simulate fabrics side by side.
 
@@ -49,9 +50,9 @@ def look_together(
     """
     seen: dict[tuple[str, str], list[Pair]] = {}
     now = dict(looks)
-    for _ in range(ROUNDS):
+    for _ in range(PAIR_ROUNDS):
         nats = LATER_NATS if seen else SOLVED_NATS
-        likely = candidates(weigh([look.result for look in now.values()]), nats)
+        likely = candidates(name([look.result for look in now.values()]), nats)
         wanted = [
             pair for pair in likely if not any(_same(pair, old) for old in seen.get((pair.first, pair.second), []))
         ]
@@ -86,7 +87,8 @@ def candidates(cause: Cause, nats: float = SOLVED_NATS) -> list[Pair]:
         return [pair for pair in tried if pair.evidence.log_evidence > max(least, none)]
 
     solved = [pair for pair in beyond(best - nats) if _move_the_cloth(pair)]
-    return solved[:CANDIDATES] + [pair for pair in beyond(single - RENDERED_NATS) if _on_one_sensor(pair)][:CANDIDATES]
+    rendered = [pair for pair in beyond(single - RENDERED_NATS) if _on_one_sensor(pair)]
+    return solved[:ROUND_PAIRS] + rendered[:ROUND_PAIRS]
 
 
 def _move_the_cloth(pair: Pair) -> bool:

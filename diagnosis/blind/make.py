@@ -35,6 +35,8 @@ INVISIBLE = ("panel_friction",)
 """Effects that two scenes do not show (see ``docs/diagnosis.md``): not drawn."""
 SHUFFLED: Final = MappingProxyType({"named": 13, "none": 4, "wrong_parameter": 3, "two": 3, "withheld": 2})
 """Kinds in every so many cases, in random order."""
+BLIND_JITTER: Final = Jitter(1.0, 0.0004, 0.03)
+"""Between repeats."""
 SHARED_BY = 8
 """So many cases in a row share the drapes that have no effect on the cloth."""
 
@@ -240,7 +242,7 @@ def _make_case(
         repeats=plan.repeats,
         resolution_m=plan.resolution_m,
         pin_radius_m=0.0,
-        jitter=Jitter(1.0, 0.0004, 0.03),
+        jitter=BLIND_JITTER,
         seed=1000 * plan.seed + group,
         wrong=label.wrong,
     )

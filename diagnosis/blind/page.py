@@ -6,9 +6,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from diagnosis.blind.make import INVISIBLE
-from diagnosis.blind.score import Answer, Score
+from diagnosis.blind.answers import Answer
+from diagnosis.blind.make import BLIND_JITTER, INVISIBLE
+from diagnosis.blind.score import Score
+from diagnosis.blind.verify import RESOLUTION_M
 from diagnosis.groups import GROUPS
+from diagnosis.synthesis import SynthesisPlan
 from diagnosis.version import MODEL_VERSION
 
 AIMS = (
@@ -45,7 +48,8 @@ def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: S
         f"sealed cases, as many as were diagnosed when it was written, from seed {manifest['seed']}: "
         f"{manifest['fabrics']} fabrics x {scenes} x {manifest['repeats']} repeats each, of {manifest['pool']} "
         f"fabrics, simulated on cells of {1e3 * manifest['resolution_m']:.3g} mm (the diagnosis uses "
-        "10 mm), stated parameters 7 % off, magnets 0.4 mm off in every repeat, sensor noise. Labels lay in files of "
+        f"{1e3 * RESOLUTION_M:.3g} mm), stated parameters {100 * SynthesisPlan.parameters_cv:.3g} % off, magnets "
+        f"{1e3 * BLIND_JITTER.pin_m:.3g} mm off in every repeat, sensor noise. Labels lay in files of "
         "their own, their SHA-256 in the sets, and were opened after these cases had been diagnosed.",
         "",
         f"Cases by kind: {', '.join(f'{k} {n}' for k, n in sorted(kinds.items()))}. Withheld from the catalogue: "

@@ -14,6 +14,7 @@ import numpy as np
 from capture.capture_set import CaptureSet
 from diagnosis.afresh.fresh import FreshLook, Sized
 from diagnosis.blind.places import at_a_tried_place
+from diagnosis.diagnose import DiagnosisOptions
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.extension import SimulatorExtension
@@ -29,7 +30,7 @@ from diagnosis.tasks.preparation import prepare_tasks
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES
 
-RESOLUTION_M = 0.01
+RESOLUTION_M = DiagnosisOptions().resolution_m
 
 
 def verify(

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.inference.block import Block
-from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
-from diagnosis.measurement.reference import CELLS
+from diagnosis.measurement.reference import CELLS, PLANE_NAMES
 from diagnosis.report import Kind
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from diagnosis.effects import get_effect
 from diagnosis.inference.noise import NoiseModel, feature_covariance, sensor_variance, stacked_jacobian
-from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
+from diagnosis.measurement.reference import PLANE_NAMES
 from diagnosis.tasks.fabric_task import CaptureResult
 
 Array = NDArray[np.float64]
@@ -103,15 +103,15 @@ def make_block(
         density: of the fabric [kg/m2], where effects that go with it are to be told apart.
     """
     measured = np.concatenate([c.measured.vector() for c in captures])
-    on_plane = np.concatenate([np.arange(c.reference.count + 3) >= c.reference.count for c in captures])
+    on_plane = np.concatenate([np.arange(c.reference.length) >= c.reference.count for c in captures])
     seen = np.isfinite(measured) & ~on_plane
     stacked = {name: _stacked(captures, name)[:, seen] for name in captures[0].responses.effects}
     beside = {
         key: np.concatenate([c.responses.beside[key][0] for c in captures], axis=1)[:, seen]
         for key in _simulated_together(captures)
     }
-    pixels = np.concatenate([np.concatenate([sensor_variance(c), np.zeros(3)]) for c in captures])
-    sizes = [c.reference.count + 3 for c in captures]
+    pixels = np.concatenate([np.concatenate([sensor_variance(c), np.zeros(len(PLANE_NAMES))]) for c in captures])
+    sizes = [c.reference.length for c in captures]
     owner = np.repeat(np.arange(len(sizes)), sizes)[seen]
     wide = [max(s, model.wide_sigma) for s in sigma[:6]] + [sigma[6]]
     views = [

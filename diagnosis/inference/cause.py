@@ -13,7 +13,7 @@ from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.groups import NOT_EFFECTS
 from diagnosis.inference.block import Block, PixelBlock
-from diagnosis.inference.evidence import Evidence, Table, tabulate, tabulate_nothing
+from diagnosis.inference.evidence import Evidence, Table, Tables, tabulate, tabulate_nothing
 from diagnosis.inference.holds import held, holds_of, log_weights, over_holds, tried_with_two
 from diagnosis.inference.larger import larger_than_chance
 from diagnosis.inference.likelihood import LikelihoodModel
@@ -206,7 +206,7 @@ def name_cause(
     as_held = [[held(block, share) for block in blocks] for share in holds]
     by_hold = [_tables(effects, blocks, pixels, model)]
     by_hold += [_otherwise(by_hold[0], blocks, own, pixels, model) for own in as_held[1:]]
-    tables = [over_holds(same, weights) for same in zip(*by_hold, strict=True)]
+    tables = _over_holds(by_hold, weights)
     shares = prior.shares(effects, pixels_seen=pixels.sensor_known, unshown=_unshown(by_hold[0]))
     peaks = [max(float(table.blocks[n].max()) for table in tables) for n in range(len(blocks))]
     reference = _reference(tables, blocks, peaks, model, shares)
@@ -224,7 +224,7 @@ def name_cause(
         besides = something_beside(effects, blocks, pixels, model, evidence, shares, found)
         nothing = evidence["none"].log_evidence
         larger = larger_than_chance(as_held, _said(as_held, evidence, found))
-        unsaid = without_repeated(tables[1], tables[0], besides.repeated).weigh(blocks, reference, model)
+        unsaid = without_repeated(tables.unknown, tables.nothing, besides.repeated).weigh(blocks, reference, model)
         known = by_more_than_one(unsaid, alone["none"]).log_evidence
         known = max(known, nothing + larger) + np.log1p(-REMAINDER_SHARE)
         total = float(np.logaddexp(known, besides.evidence + np.log(REMAINDER_SHARE)))
@@ -259,55 +259,58 @@ def _said(
         yield pair.evidence.log_evidence - nothing, [without_both(blocks, pair.sizes) for blocks in ways]
 
 
-def _tables(effects: Sequence[str], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> list[Table]:
-    """Of nothing, of something unknown and of every effect."""
+def _tables(effects: Sequence[str], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> Tables:
     nothing = tabulate_nothing(blocks, pixels, model)
     still = [float(value.max()) for value in nothing.blocks]
-    found = [tabulate(get_effect(name), blocks, pixels, model, still) for name in effects]
-    return [nothing, tabulate_unknown(blocks, pixels, model), *found]
+    found = tuple(tabulate(get_effect(name), blocks, pixels, model, still) for name in effects)
+    return Tables(nothing, tabulate_unknown(blocks, pixels, model), found)
 
 
-def _unshown(tables: Sequence[Table]) -> frozenset[str]:
-    """Effects that at no size make any difference to what was measured; of a vector only the best size is known.
+def _over_holds(by_hold: Sequence[Tables], weights: Array) -> Tables:
+    """Every explanation over all ways in which magnets may hold."""
+    nothing = over_holds([tables.nothing for tables in by_hold], weights)
+    unknown = over_holds([tables.unknown for tables in by_hold], weights)
+    effects = zip(*(tables.effects for tables in by_hold), strict=True)
+    return Tables(nothing, unknown, tuple(over_holds(same, weights) for same in effects))
 
-    Args:
-        tables: as :func:`_tables` gives them.
-    """
-    nothing, still = tables[0], [float(value.max()) for value in tables[0].blocks]
+
+def _unshown(tables: Tables) -> frozenset[str]:
+    """Effects that at no size make any difference to what was measured; of a vector only the best size is known."""
+    nothing, still = tables.nothing, [float(value.max()) for value in tables.nothing.blocks]
 
     def shown(table: Table) -> float:
         cells = sum(np.abs(value - none) for value, none in zip(table.blocks, still, strict=True))
         return float((cells + np.abs(table.pixels - float(nothing.pixels.max()))).max())
 
-    return frozenset(table.name for table in tables[2:] if not table.sigma and shown(table) < SHOWN_NATS)
+    return frozenset(table.name for table in tables.effects if not table.sigma and shown(table) < SHOWN_NATS)
 
 
 def _otherwise(
-    stated: Sequence[Table],
+    stated: Tables,
     blocks: Sequence[Block],
     changed: Sequence[Block],
     pixels: PixelBlock,
     model: LikelihoodModel,
-) -> list[Table]:
+) -> Tables:
     """The same where some blocks are changed; the others are weighed again only where a fit goes over all of them."""
     own = [n for n, (block, other) in enumerate(zip(blocks, changed, strict=True)) if other is not block]
     names = [table.name for table in stated if table.name not in NOT_EFFECTS and not get_effect(table.name).vector]
     weighed = {table.name: table for table in _tables(names, [changed[n] for n in own], pixels, model)}
-    found = []
-    for table in stated:
+
+    def otherwise(table: Table) -> Table:
         new = weighed.get(table.name)
         if new is None:
-            found.append(tabulate(get_effect(table.name), changed, pixels, model))
-            continue
+            return tabulate(get_effect(table.name), changed, pixels, model)
         values = list(table.blocks)
         for n, value in zip(own, new.blocks, strict=True):
             values[n] = value
-        found.append(replace(new, blocks=tuple(values)))
-    return found
+        return replace(new, blocks=tuple(values))
+
+    return Tables(otherwise(stated.nothing), otherwise(stated.unknown), tuple(map(otherwise, stated.effects)))
 
 
 def _reference(
-    tables: Sequence[Table],
+    tables: Tables,
     blocks: Sequence[Block],
     best: list[float],
     model: LikelihoodModel,

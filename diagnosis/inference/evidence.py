@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -138,6 +138,23 @@ class Table:
         count = len(get_effect(self.name).tried)
         best = posterior.reshape(-1, count, self.at_place).max(axis=0).argmax(axis=1)
         return tuple(self.sizes[place * self.at_place + int(row)] for place, row in enumerate(best))
+
+
+@dataclass(frozen=True)
+class Tables:
+    """All explanations by one.
+
+    Attributes:
+        nothing, unknown: of no effect, and of something outside the catalogue.
+        effects: of every effect that is tried.
+    """
+
+    nothing: Table
+    unknown: Table
+    effects: tuple[Table, ...]
+
+    def __iter__(self) -> Iterator[Table]:
+        return iter((self.nothing, self.unknown, *self.effects))
 
 
 def tabulate(

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.measurement.reference import PLANE_NAMES
 from diagnosis.tasks.fabric_task import CaptureResult
 
 Array = NDArray[np.float64]
+UNMEASURED_LOG_NOISE = -6.9
+"""Of a pixel: where its noise cannot be measured it is taken for about 1 mm."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,7 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
         sigma: relative uncertainty of the seven parameters.
         model: the rest.
     """
-    sizes = [c.reference.count + 3 for c in captures]
+    sizes = [c.reference.length for c in captures]
     held = np.concatenate([c.responses.pins for c in captures], axis=1) * model.held_m
     mesh = np.concatenate([_mesh_error(c, model) for c in captures]) * model.mesh_share
     alike = model.grip_alike and captures[0].scene == "stretch"
@@ -110,14 +113,15 @@ def feature_covariance(captures: Sequence[CaptureResult], sigma: Sequence[float]
         own = slice(starts[a], starts[a + 1])
         pins = first.responses.pins * model.pin_m
         total[own, own] += pins.T @ pins + (1.0 - model.pose_common) * poses[a].T @ poses[a]
-        diagonal = np.concatenate([model.floor_m**2 + sensor_variance(first), np.full(3, model.plane_m**2)])
+        plane = np.full(len(PLANE_NAMES), model.plane_m**2)
+        diagonal = np.concatenate([model.floor_m**2 + sensor_variance(first), plane])
         total[own, own][np.diag_indices(sizes[a])] += diagonal
     return np.asarray(total)
 
 
 def sensor_variance(capture: CaptureResult) -> Array:
     """Of each cell's mean, by the noise of its pixels [m²], [cells + ring]."""
-    pixel = np.exp(2 * np.nan_to_num(capture.measured.pixels[0], nan=-6.9))
+    pixel = capture.measured.pixel_variance(UNMEASURED_LOG_NOISE)
     return np.asarray(pixel / np.maximum(capture.measured.weight, 1))
 
 

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from diagnosis.effects import get_effect
 from diagnosis.groups import group_of
 from diagnosis.inference.block import Block, PixelBlock
-from diagnosis.inference.evidence import Evidence, Table, or_unmoved, tabulate, tabulate_nothing
+from diagnosis.inference.evidence import Evidence, Table, Tables, or_unmoved, tabulate, tabulate_nothing
 from diagnosis.inference.holds import over_holds
 from diagnosis.inference.larger import MUCH, usual_square
 from diagnosis.inference.likelihood import LikelihoodModel
@@ -54,12 +54,12 @@ class AsHeld:
 
     Attributes:
         blocks: what was measured, less what the magnets do.
-        tables: of nothing, of something unknown, then of every effect.
+        tables: of all of them.
         weight: log probability of these magnets.
     """
 
     blocks: Sequence[Block]
-    tables: Sequence[Table]
+    tables: Tables
     weight: float
 
 
@@ -92,7 +92,7 @@ def weigh_pairs(
     both = []
     for way, tables in zip(ways, plain, strict=True):
         alone = {table.name: table.weigh(blocks, peaks, model) for table in tables if table.name in first_names}
-        both.append(_pairs(first_names, able, way.blocks, pixels, model, alone, way.tables[0]))
+        both.append(_pairs(first_names, able, way.blocks, pixels, model, alone, way.tables.nothing))
     found = []
     for same in zip(*both, strict=True):
         each = [table.weigh(blocks, peaks, model) for _, _, table in same]
@@ -204,21 +204,19 @@ def _fixed(table: Table, way: AsHeld, pixels: PixelBlock, peaks: Sequence[float]
     return replace(table, blocks=alone.blocks, pixels=alone.pixels, prior=prior, sizes=(found.size,))
 
 
-def _as_simulated(
-    tables: Sequence[Table], blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel
-) -> list[Table]:
+def _as_simulated(tables: Tables, blocks: Sequence[Block], pixels: PixelBlock, model: LikelihoodModel) -> list[Table]:
     """Effects' tables with responses of no other form; what moves no cloth has no other.
 
     Args:
-        tables: as :func:`_tables` gives them.
-        blocks, pixels, model: see there.
+        tables: of these blocks and pixels.
+        blocks, pixels, model: what was measured, and how likely it is.
     """
-    still = [float(value.max()) for value in tables[0].blocks]
+    still = [float(value.max()) for value in tables.nothing.blocks]
     return [
         tabulate(get_effect(table.name), blocks, pixels, model, still, as_simulated=True)
         if get_effect(table.name).moves_cloth
         else table
-        for table in tables[2:]
+        for table in tables.effects
     ]
 
 

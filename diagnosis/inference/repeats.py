@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.inference.noise import NoiseModel
+from diagnosis.inference.noise import UNMEASURED_LOG_NOISE, NoiseModel
+from diagnosis.measurement.reference import PLANE_NAMES
 from diagnosis.tasks.fabric_task import CaptureResult
 
 Array = NDArray[np.float64]
@@ -36,9 +37,9 @@ def pin_scatter(captures: Sequence[CaptureResult], noise: NoiseModel) -> float:
         difference = first.measured.vector() - second.measured.vector()
         seen = np.isfinite(difference)
         pins = first.responses.pins[:, seen]
-        slope = np.append(first.reference.slope, np.zeros(3))[seen]
-        weight = np.append(first.measured.weight, np.full(3, 1e3))[seen]
-        pixel = np.exp(2 * np.nan_to_num(first.measured.pixels[0], nan=-6.9))
+        slope = np.append(first.reference.slope, np.zeros(len(PLANE_NAMES)))[seen]
+        weight = np.append(first.measured.weight, np.full(len(PLANE_NAMES), 1e3))[seen]
+        pixel = first.measured.pixel_variance(UNMEASURED_LOG_NOISE)
         rest = noise.floor_m**2 + noise.repeat_m**2 + pixel / np.maximum(weight, 1.0)
         rest = rest + (noise.slide_m * noise.repeat_share * slope) ** 2 + 1e-10
         scores += [_log_likelihood(difference[seen], pins * scatter, 2.0 * rest) for scatter in PIN_SCATTERS_M]

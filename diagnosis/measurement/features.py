@@ -15,8 +15,6 @@ from diagnosis.measurement.level import panel_plane, without_plane
 from diagnosis.measurement.pixel_statistics import PIXEL_NAMES, pixel_statistics
 from diagnosis.measurement.reference import Reference
 
-PLANE_NAMES = ("panel_offset", "panel_slope_x", "panel_slope_y")
-
 
 @dataclass(frozen=True)
 class Features:
@@ -37,6 +35,14 @@ class Features:
     def vector(self) -> NDArray[np.float64]:
         """Shape then plane, [cells + ring + 3]."""
         return np.concatenate([self.shape, self.plane])
+
+    def pixel_variance(self, log_noise: float) -> np.float64:
+        """Of a pixel, by the noise that was measured [m²].
+
+        Args:
+            log_noise: log of its standard deviation [m] where none could be measured.
+        """
+        return np.float64(np.exp(2.0 * np.nan_to_num(self.pixels[0], nan=log_noise)))
 
 
 def measure(depth: NDArray[np.float32], reference: Reference, *, with_pixels: bool = True) -> Features:

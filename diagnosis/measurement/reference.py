@@ -19,6 +19,8 @@ RING_SHARE = 0.08
 """Width of that strip, as a share of the sample's longer edge."""
 LEAST_PIXELS = 12
 """A cell seen by fewer pixels says nothing."""
+PLANE_NAMES = ("panel_offset", "panel_slope_x", "panel_slope_y")
+"""Numbers of the panel's plane, which stand behind those of the cells."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,11 @@ class Reference:
     def count(self) -> int:
         """Number of cells with those of the ring."""
         return len(self.slope)
+
+    @property
+    def length(self) -> int:
+        """Of a shape-and-plane vector measured against it: its cells, then the panel's plane."""
+        return self.count + len(PLANE_NAMES)
 
 
 def make_reference(drape: Drape, scene: SimulationScene, *, least_pixels: int = LEAST_PIXELS) -> Reference:

@@ -70,7 +70,7 @@ def size_text(effect: FoundEffect) -> str:
     for name, value in sizes.items():
         low, high = (factor * end for end in ends[name])
         texts.append(f"{name} {factor * value:.3g} {unit} (90 % interval {low:.3g} to {high:.3g})".strip())
-    place = {} if get_effect(effect.name).random_repeats else dict((effect.model_extra or {}).get("place", {}))
+    place = {} if get_effect(effect.name).random_repeats else effect.place
     return ", ".join([*texts, *(f"{name} {value:.3g}" for name, value in place.items())])
 
 

@@ -25,7 +25,7 @@ MARGIN_PX = 12
 FRAME_PX = 2
 
 
-def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name: str = "lpips") -> Perceived:
+def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> Perceived:
     """LPIPS of held-out captures from simulations without and with what was found, parameters refitted both times.
 
     Simulations are afresh and seen through the stated sensor; both pictures are smoothed alike and shaded. The floor is
@@ -34,7 +34,7 @@ def perceived(held: Sequence[Held], looks: Mapping[str, FreshLook], backend_name
     Raises:
         MissingResourceError: the network's weights are not here.
     """
-    backend = get_backend(backend_name)
+    backend = get_backend("lpips")
     before: list[float] = []
     after: list[float] = []
     floor: list[float] = []

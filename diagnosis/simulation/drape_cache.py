@@ -7,7 +7,6 @@ import hashlib
 import inspect
 import io
 import json
-import os
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from renderer.atomic import write_atomically
 from renderer.trim import mark_used, trim_folder
+from renderer.user_cache import default_cache_folder
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import InputError
 from simcore.mechanics import Jitter, Mechanics
@@ -85,11 +85,8 @@ class DrapeCache:
     @classmethod
     def default(cls) -> DrapeCache:
         """``DRAPEMETER_CACHE`` (empty: no cache), else a folder of the user's cache; of 20 GiB at most."""
-        named = os.environ.get("DRAPEMETER_CACHE")
-        if named is not None:
-            return cls(Path(named) / "drapes" if named else None, most_bytes=USERS_MOST_BYTES)
-        root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        return cls(root / "drapemeter" / "drapes", most_bytes=USERS_MOST_BYTES)
+        folder = default_cache_folder()
+        return cls(None if folder is None else folder / "drapes", most_bytes=USERS_MOST_BYTES)
 
     def get(self, key: str, mesh: GridMesh) -> Drape | None:
         """The drape of a key, or None; an unreadable file counts as absent."""

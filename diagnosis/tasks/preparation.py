@@ -248,7 +248,8 @@ def stated_parameters(
 @cache
 def _estimator() -> Estimator:
     """The network that ships; loaded once."""
-    from trainer.predict import DEFAULT_MODEL, Estimator
+    from trainer.predict import Estimator
+    from trainer.shipped import DEFAULT_MODEL
 
     return Estimator.load(DEFAULT_MODEL)
 

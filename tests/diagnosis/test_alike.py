@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,6 +18,7 @@ from diagnosis.afresh.alike import (
     shows_another,
 )
 from diagnosis.effects import catalogue, get_effect
+from tests.diagnosis.trial_parts import TrialWorkers, trial_look
 
 PRESSING = [name for name in catalogue() if get_effect(name).presses]
 
@@ -83,21 +83,9 @@ def test_the_catalogue_says_what_presses_the_cloth() -> None:
 
 def a_trial(leader: str, then: tuple[str, ...], known: tuple[float, ...] = ()) -> tuple[list[Any], bool]:
     """What was simulated where one leads and others are named then; whether that was kept."""
-    simulated: list[Any] = []
     sizes = {"panel_adhesion": [{"magnitude": size} for size in known]}
-    first, other = (
-        SimpleNamespace(through=(), result="before", sizes=sizes),
-        SimpleNamespace(through=(), result="after", sizes={}),
-    )
-    first.copy = lambda: SimpleNamespace(through=(), result="copied", sizes={})
-
-    class Simulating:
-        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
-            assert all(item is not first for item in items)  # it would learn what is only on trial
-            simulated.extend(
-                (name, round(size["magnitude"], 2)) for name, size in work.keywords["work"].keywords["wanted"]
-            )
-            return [(items[0], other)]
+    first, other = trial_look("before", sizes), trial_look("after")
+    workers = TrialWorkers(lambda: other, untaught=first)
 
     def name(results: list[str]) -> Any:
         if results == ["before"]:
@@ -107,9 +95,9 @@ def a_trial(leader: str, then: tuple[str, ...], known: tuple[float, ...] = ()) -
     def weigh(results: list[str], found: Any) -> Any:
         return cause_of("none")
 
-    looks: Any = {"f1": first}
-    kept = look_alike(looks, weigh, name, "stretch", Simulating())  # type: ignore[arg-type]
-    return simulated, kept["f1"] is other  # type: ignore[comparison-overlap]
+    kept = look_alike({"f1": first}, weigh, name, "stretch", workers)  # type: ignore[arg-type]
+    simulated = [(name, round(size["magnitude"], 2)) for wanted in workers.wanted for name, size in wanted]
+    return simulated, kept["f1"] is other
 
 
 def test_a_trial_counts_where_it_lets_one_of_them_be_named() -> None:

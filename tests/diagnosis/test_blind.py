@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from capture.capture_set import CAPTURES_FILE
+from diagnosis.blind.answers import REPORTS_FOLDER, Answer, answer_cases, open_label, open_labels, read_manifest
 from diagnosis.blind.claims import Claims, alone
 from diagnosis.blind.make import (
     BLIND_FORMAT,
@@ -27,16 +28,7 @@ from diagnosis.blind.make import (
     visible_effects,
 )
 from diagnosis.blind.page import render_page
-from diagnosis.blind.score import (
-    REPORTS_FOLDER,
-    Answer,
-    answer_cases,
-    open_label,
-    open_labels,
-    read_manifest,
-    same,
-    score,
-)
+from diagnosis.blind.score import same, score
 from diagnosis.effects import catalogue
 from diagnosis.groups import group_of
 from diagnosis.simulation.drape_cache import DrapeCache
@@ -116,7 +108,7 @@ def test_what_hanging_alone_cannot_show_is_not_drawn() -> None:
     assert lost == {"corner_pull"}
 
 
-def test_a_case_that_cannot_be_simulated_stands_in_nobodys_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_case_that_cannot_be_simulated_stands_in_nobodys_way(tmp_path: Path) -> None:
     case_maker(tmp_path, BlindPlan(2, 3, fabrics=1, repeats=1, pool=1, resolution_m=0.02, scenes=("stretch",)))
     tried = []
 
@@ -247,7 +239,7 @@ def test_labels_that_another_process_is_opening_come_last(tmp_path: Path, monkey
         (tmp_path / name / "captures.json").write_text(json.dumps(stated))
         (tmp_path / REPORTS_FOLDER / f"{name}.json").write_text(json.dumps({"baselines": {}}))
     order: list[str] = []
-    monkeypatch.setattr("diagnosis.blind.score.verify", lambda folder, *_: order.append(folder.name))
+    monkeypatch.setattr("diagnosis.blind.answers.verify", lambda folder, *_: order.append(folder.name))
     with ThreadPoolExecutor(1) as pool:
         with alone(tmp_path, "case-001", wait=False) as mine:
             assert mine

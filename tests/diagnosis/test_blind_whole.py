@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from diagnosis.blind.answers import REPORTS_FOLDER
 from diagnosis.blind.make import BlindPlan, draw_kinds, draw_label
-from diagnosis.blind.score import REPORTS_FOLDER
 from diagnosis.effects import catalogue
 from services.cli import main
 

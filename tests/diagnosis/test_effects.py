@@ -324,6 +324,10 @@ def test_what_goes_in_a_line_with_the_place_is_met_between_those_that_are_simula
         np.testing.assert_allclose(node_weights(effect, size) @ rows, row(size), atol=1e-12)
     assert effect.tried_shares.sum() == pytest.approx(1.0)
     assert {effect.number_of(size) for size in nodes(effect)} == set(range(len(effect.places)))
+    assert effect.number_of({SCALAR: 1.0}) == 0
+    with pytest.raises(InputError, match=f"{name} is not looked for at .*{key} 0.123") as caught:
+        effect.number_of({key: 0.123})
+    assert caught.value.code == "effect_place"
 
 
 def test_the_page_is_what_the_command_writes(repository: Path, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from diagnosis.inference.evidence import tabulate, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel, feature_covariance
 from diagnosis.simulation.sizes import FITTED_SHARE, node_weights, nodes
-from tests.diagnosis.bare_capture import BARE_CELLS, bare_capture
+from tests.diagnosis.bare_capture import BARE_CELLS, BARE_LENGTH, bare_capture
 from tests.diagnosis.response_rows import random_rows, still_rows
 
 COUNT = 60
@@ -164,7 +164,7 @@ def test_effects_that_change_pixels_one_by_one_are_of_the_sensor() -> None:
 
 def test_a_capture_whose_folds_were_not_found_is_trusted_less_than_its_repeat() -> None:
     variance = np.diag(feature_covariance([bare_capture(0.001), bare_capture(0.003)], [0.07] * 7, NoiseModel()))
-    found, missed = variance[:BARE_CELLS], variance[BARE_CELLS + 3 : 2 * BARE_CELLS + 3]
+    found, missed = variance[:BARE_CELLS], variance[BARE_LENGTH : BARE_LENGTH + BARE_CELLS]
     np.testing.assert_allclose(missed - found, 0.003**2 - 0.001**2)
 
 

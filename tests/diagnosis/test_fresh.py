@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.afresh import fresh
-from diagnosis.afresh.fresh import FreshLook, around, bend
+from diagnosis.afresh import fresh, outcomes
+from diagnosis.afresh.fresh import FreshLook
+from diagnosis.afresh.outcomes import around, bend
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, View
@@ -231,16 +232,16 @@ def test_folds_of_both_scenes_are_sought_through_a_camera_that_may_stand_elsewhe
         solved.append((capture.id, [name for name, _ in candidates]))
         return capture
 
-    monkeypatch.setattr(fresh, "_seen_through", through)
-    monkeypatch.setattr(fresh, "in_nearest_folds", nearest)
-    monkeypatch.setattr(fresh, "bent", lambda look, capture, names: sorted(names))
+    monkeypatch.setattr(outcomes, "_seen_through", through)
+    monkeypatch.setattr(outcomes, "in_nearest_folds", nearest)
+    monkeypatch.setattr(outcomes, "bent", lambda look, capture, names: sorted(names))
     captures = tuple(
         CaptureResult(scene, "f1", scene, 0, *(None,) * 3, 0.0, 0, True, None, True, None)  # type: ignore[arg-type]
         for scene in ("hanging", "stretch")
     )
     result: Any = FabricResult(None, captures)  # type: ignore[arg-type]
     look = FreshLook(Any, result)  # type: ignore[arg-type]
-    found = fresh.freshen(look, [TILT, camera], "stretch")
+    found = outcomes.freshen(look, [TILT, camera], "stretch")
     assert seen == [("hanging", ["camera_translation"]), ("stretch", ["camera_translation"])]
     assert solved == [("stretch", ["panel_tilt"])]
     assert [c.responses for c in found.captures] == [["camera_translation"], ["camera_translation", "panel_tilt"]]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 
 from diagnosis.afresh import further
 from diagnosis.afresh.further import FURTHER, look_further
+from tests.diagnosis.trial_parts import TrialWorkers, trial_look
 
 CLOTH = ("air_draft", "crease", "edge_curl", "hem_weight", "off_grain", "panel_adhesion", "panel_tilt", "pin_drop")
 """From the likeliest to the least likely."""
@@ -44,18 +44,9 @@ def a_trial(
     top: str, leader: str | None, then: tuple[str, ...], first_named: tuple[str, ...] = (), left: float | None = None
 ) -> tuple[list[list[str]], list[Any], Any, bool]:
     """What was simulated, through which cameras and beside what it was chosen; whether the trial was kept."""
-    simulated, through, beside = [], [], []
-    first, other = (
-        SimpleNamespace(through=(), result=name, sizes={"air_draft": [SIZE]}) for name in ("before", "after")
-    )
-    first.copy = lambda: SimpleNamespace(through=(), result="copied", sizes={})
-
-    class Simulating:
-        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
-            assert all(item is not first for item in items)  # it would learn what is only on trial
-            simulated.append([name for name, _ in work.keywords["work"].keywords["wanted"]])
-            through.append(work.keywords["work"].keywords["through"])
-            return [(items[0], other)]
+    beside = []
+    first, other = (trial_look(name, {"air_draft": [SIZE]}) for name in ("before", "after"))
+    workers = TrialWorkers(lambda: other, untaught=first)
 
     def weigh(results: list[str], found: Any) -> Any:
         if results == ["before"]:
@@ -65,9 +56,8 @@ def a_trial(
     def name(results: list[str]) -> Any:
         return cause_of(top, leader, first_named, left) if results == ["before"] else cause_of("", None, then)
 
-    looks: Any = {"f1": first}
-    kept = look_further(looks, weigh, name, "stretch", Simulating())  # type: ignore[arg-type]
-    return simulated, through, beside, kept["f1"] is other  # type: ignore[comparison-overlap]
+    kept = look_further({"f1": first}, weigh, name, "stretch", workers)  # type: ignore[arg-type]
+    return workers.names, workers.through, beside, kept["f1"] is other
 
 
 def test_where_something_unknown_is_the_answer_the_likeliest_are_tried_that_were_not_simulated() -> None:

@@ -88,7 +88,7 @@ def test_what_it_will_cost_is_known_beforehand(make_set: MakeSet, explain: Diagn
     warm = forecast(tasks, shelf)
     assert cold.simulations > 20 and cold.ready == 0
     # what is left hangs on the captures: in each fabric a search and a closer look at some effects
-    assert warm.simulations == 2 * (1 + refinement.CANDIDATES) and warm.ready == warm.fabrics == 2
+    assert warm.simulations == 2 * (1 + refinement.CLOTH_EFFECTS) and warm.ready == warm.fabrics == 2
     for one in (cold, warm):
         assert one.most_simulations > one.simulations and one.most_seconds > one.seconds
     assert f"{cold.simulations} to {cold.most_simulations} simulations" in cold.sentence()

@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from diagnosis.afresh import refinement
-from diagnosis.afresh.fresh import FreshLook, at_state, bent, freshen, with_effects
+from diagnosis.afresh.fresh import FreshLook, with_effects
+from diagnosis.afresh.outcomes import at_state, bent, freshen
 from diagnosis.afresh.refinement import look_again, seen_through
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
@@ -139,9 +140,7 @@ def test_folds_are_looked_for_through_a_camera_that_stands_elsewhere(look: Fresh
     assert found.rms_m == pytest.approx(state_distance(depth, found.base.drape, MOVED))
 
 
-def test_what_was_measured_beside_and_by_probes_stays_as_long_as_the_state_does(
-    look: FreshLook, simulator: Simulator
-) -> None:
+def test_what_was_measured_beside_and_by_probes_stays_as_long_as_the_state_does(look: FreshLook) -> None:
     capture = look.result.captures[0]
     rows = capture.responses.effects["pin_spacing"]
     told = replace(capture.responses, beside={("pin_spacing", "camera_rotation"): rows}, probes={"pins": rows[0]})

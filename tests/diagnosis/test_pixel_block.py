@@ -14,8 +14,8 @@ from diagnosis.inference.block import PixelBlock, make_pixel_block
 from diagnosis.inference.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown, some_off
 from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.subtract import pixels_without
-from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
+from diagnosis.measurement.reference import PLANE_NAMES
 from diagnosis.simulation.sizes import nodes
 
 PIXELS, PLANE = len(PIXEL_NAMES), len(PLANE_NAMES)

@@ -28,7 +28,7 @@ from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene, Setup
 from simcore.solver import Solver
-from tests.diagnosis.bare_capture import BARE_CELLS, bare_capture
+from tests.diagnosis.bare_capture import BARE_LENGTH, bare_capture
 from tests.diagnosis.conftest import MakeSet
 
 
@@ -51,7 +51,7 @@ def test_it_is_what_a_camera_that_stands_elsewhere_sees(
 ) -> None:
     drape, scene, reference = state
     rows = pose_responses(drape, scene, reference, 0.004)
-    assert rows is not None and rows.shape == (6, reference.count + 3)
+    assert rows is not None and rows.shape == (6, reference.length)
     move = np.where(np.arange(3) == axis, 0.004, 0.0)
     moved = scene.with_pose(scene.camera_from_panel @ pose_from_rotation((0.0, 0.0, 0.0), move))
     change = np.nan_to_num(measure(picture_of(drape, moved), reference, with_pixels=False).vector())
@@ -75,7 +75,7 @@ def test_turns_are_of_half_a_hundredth(state: tuple[Drape, SimulationScene, Refe
 
 
 def test_the_errors_of_repeats_are_half_in_common() -> None:
-    pose = np.random.default_rng(1).standard_normal((6, BARE_CELLS + 3))
+    pose = np.random.default_rng(1).standard_normal((6, BARE_LENGTH))
 
     def covariance(one: np.ndarray | None) -> np.ndarray:
         return feature_covariance([bare_capture(0.001, one)] * 2, [0.07] * 7, NoiseModel())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,17 +15,7 @@ from diagnosis.effect import SCALAR
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.evidence import Evidence
 from diagnosis.workers import ALONE
-
-
-class Watcher:
-    """In the place of workers: nothing is simulated, what was wanted is kept."""
-
-    def __init__(self) -> None:
-        self.wanted: list[list[str]] = []
-
-    def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
-        self.wanted.append([name for name, _ in work.keywords["work"].keywords["wanted"]])
-        return [(item, item) for item in items]
+from tests.diagnosis.trial_parts import TrialWorkers, trial_look
 
 
 def cause_of(nats: dict[str, float]) -> Any:
@@ -46,10 +35,13 @@ def cause_of(nats: dict[str, float]) -> Any:
 
 
 def wanted(alone: dict[str, float], beside: dict[str, float]) -> list[list[str]]:
-    watcher = Watcher()
-    looks: Any = {"f1": SimpleNamespace(through=(), result=None)}
-    look_again(looks, lambda _, first: cause_of(alone if first is None else beside), "stretch", watcher)  # type: ignore[arg-type]
-    return watcher.wanted
+    workers = TrialWorkers()
+
+    def weigh(results: list[Any], first: Any) -> Any:
+        return cause_of(alone if first is None else beside)
+
+    look_again({"f1": trial_look()}, weigh, "stretch", workers)  # type: ignore[arg-type]
+    return workers.names
 
 
 def test_what_one_fabric_alone_has_simulated_is_simulated_in_all() -> None:
@@ -91,37 +83,28 @@ def test_beside_effects_on_the_cloth_that_are_looked_at_anyway_two_more_are() ->
     ],
 )
 def test_in_the_second_round_fewer_are_looked_at(alone: Any, beside: Any, rounds: list[list[str]]) -> None:
-    watcher = Watcher()
+    workers = TrialWorkers()
 
     def weigh(results: list[Any], first: Any) -> Any:
-        number = min(len(watcher.wanted), 1)
+        number = min(len(workers.wanted), 1)
         return cause_of(alone[number] if first is None else beside[number])
 
-    looks: Any = {"f1": SimpleNamespace(through=(), result=None)}
-    look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
-    assert watcher.wanted == rounds
+    look_again({"f1": trial_look()}, weigh, "stretch", workers)  # type: ignore[arg-type]
+    assert workers.names == rounds
 
 
 def on_trial(alone: dict[str, float], named: list[str]) -> tuple[list[list[str]], bool]:
     """What was simulated, effects being named once something was; whether what that shows was kept."""
-    first, other = (SimpleNamespace(through=(), result=name) for name in ("as it was", "simulated"))
-    first.copy = lambda: SimpleNamespace(through=(), result="copied")
-
-    class Simulating(Watcher):
-        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
-            super().map(work, items)
-            assert all(item is not first for item in items)  # it would learn what is only on trial
-            return [(items[0], other)]
+    first, other = trial_look("as it was"), trial_look("simulated")
+    workers = TrialWorkers(lambda: other, untaught=first)
 
     def weigh(results: list[str], found: Any) -> Any:
         cause = cause_of(alone)
         cause.named = () if results == ["as it was"] else tuple(named)
         return cause
 
-    watcher = Simulating()
-    looks: Any = {"f1": first}
-    kept = look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
-    return watcher.wanted, kept["f1"] is other  # type: ignore[comparison-overlap]
+    kept = look_again({"f1": first}, weigh, "stretch", workers)  # type: ignore[arg-type]
+    return workers.names, kept["f1"] is other
 
 
 FAR = {"corner_pull": -7.7, "off_grain": -5.8, "pin_spacing": -6.3, "stretch_stiffening": -7.9}
@@ -136,37 +119,27 @@ def test_where_nothing_leads_effects_from_further_behind_count_where_one_of_them
 
 def test_what_was_simulated_already_is_not_tried_again() -> None:
     nearer = FAR | {"off_grain": -4.0}
-    watcher = Watcher()
-    looks: Any = {"f1": SimpleNamespace(through=(), result=None, copy=lambda: SimpleNamespace(through=(), result=None))}
+    workers = TrialWorkers()
 
     def weigh(results: list[Any], found: Any) -> Any:
         cause = cause_of(nearer)
         cause.named = ()
         return cause
 
-    look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
-    assert watcher.wanted == [["off_grain"], ["pin_spacing", "corner_pull"]]
+    look_again({"f1": trial_look()}, weigh, "stretch", workers)  # type: ignore[arg-type]
+    assert workers.names == [["off_grain"], ["pin_spacing", "corner_pull"]]
 
 
 def test_after_a_trial_that_named_an_effect_what_comes_near_it_is_looked_at() -> None:
-    shown = SimpleNamespace(through=(), result="simulated")
-
-    class Simulating(Watcher):
-        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
-            super().map(work, items)
-            return [(items[0], shown)]
+    workers = TrialWorkers(lambda: trial_look("simulated"))
 
     def weigh(results: list[str], found: Any) -> Any:
         cause = cause_of({"off_grain": 9.0, "hem_weight": 5.0} if results == ["simulated"] else FAR)
         cause.named = ("off_grain",) if results == ["simulated"] else ()
         return cause
 
-    watcher = Simulating()
-    looks: Any = {
-        "f1": SimpleNamespace(through=(), result="as it was", copy=lambda: SimpleNamespace(through=(), result="copied"))
-    }
-    look_again(looks, weigh, "stretch", watcher)  # type: ignore[arg-type]
-    assert watcher.wanted == [["off_grain", "pin_spacing", "corner_pull"], ["hem_weight"]]
+    look_again({"f1": trial_look("as it was")}, weigh, "stretch", workers)  # type: ignore[arg-type]
+    assert workers.names == [["off_grain", "pin_spacing", "corner_pull"], ["hem_weight"]]
 
 
 def test_what_is_too_far_behind_is_not_tried() -> None:

@@ -213,9 +213,7 @@ def test_pictures_come_nearer_with_the_effect_and_without_weights_the_note_says_
     assert without.note == "not measured in LPIPS: weights of LPIPS are missing"
 
 
-def test_parts_without_shared_numbers_are_not_judged_by_them(
-    noisy: CaptureSet, explain: Diagnose, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_parts_without_shared_numbers_are_not_judged_by_them(noisy: CaptureSet, explain: Diagnose) -> None:
     """Of a set whose captures differ in what is stated, some parts may share no number: they say nothing, not NaN."""
     found = explain(noisy)
     assert found.cause.named == ("range_noise",)

@@ -19,7 +19,7 @@ from diagnosis.inference.said_again import is_said_again
 from diagnosis.inference.something_beside import something_beside
 from diagnosis.inference.subtract import pixels_without, responses_at_place
 from diagnosis.inference.unknown import tabulate_unknown, without_repeated
-from diagnosis.measurement.features import PLANE_NAMES
+from diagnosis.measurement.reference import PLANE_NAMES
 from diagnosis.simulation.sizes import node_weights, nodes
 from tests.diagnosis.remainder_parts import COUNT, EFFECTS, FABRICS, fabrics, quiet
 from tests.diagnosis.response_rows import still_rows

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from diagnosis.afresh.through import THROUGH_PAIRS, THROUGH_ROUNDS, look_through, with_pictures
+from tests.diagnosis.trial_parts import TrialWorkers
 
 CAMERA, BLUR = {"tx": 0.003, "ty": 0.0, "tz": 0.0}, {"magnitude": 1.0}
 SIZES = {"camera_translation": CAMERA, "sensor_smoothing": BLUR}
@@ -44,17 +44,9 @@ def test_one_of_two_is_on_the_cloth_and_both_are_not_far_behind_the_best() -> No
 
 def a_trial(*rounds: Any, then: tuple[str, ...]) -> tuple[list[Any], bool]:
     """What was simulated through which camera, where these pairs are likely one after the other; whether it is kept."""
-    simulated: list[Any] = []
-    first = SimpleNamespace(result=0, sizes={"pin_drop": [{"magnitude": 0.01}]})
+    first: Any = SimpleNamespace(result=0, sizes={"pin_drop": [{"magnitude": 0.01}]})
     first.copy = lambda: SimpleNamespace(result=1)
-
-    class Simulating:
-        def map(self, work: partial[Any], items: list[Any]) -> list[Any]:
-            assert all(item is not first for item in items)  # it would learn what is only on trial
-            asked = work.keywords["work"].keywords
-            (own,) = asked["wanted"]
-            simulated.append((own[0], own[1]["magnitude"], [name for name, _ in asked["through"]]))
-            return [(items[0], SimpleNamespace(result=1 + len(simulated)))]
+    workers = TrialWorkers(lambda: SimpleNamespace(result=1 + len(workers.wanted)), untaught=first)
 
     def name(results: list[int]) -> Any:
         number = max(results[0] - 1, 0)
@@ -63,8 +55,10 @@ def a_trial(*rounds: Any, then: tuple[str, ...]) -> tuple[list[Any], bool]:
     def weigh(results: list[int], found: Any) -> Any:
         raise AssertionError("pairs say what is simulated")
 
-    looks: Any = {"f1": first}
-    kept = look_through(looks, weigh, name, "stretch", Simulating())  # type: ignore[arg-type]
+    kept = look_through({"f1": first}, weigh, name, "stretch", workers)  # type: ignore[arg-type]
+    simulated = []
+    for (own,), through in zip(workers.wanted, workers.through, strict=True):
+        simulated.append((own[0], own[1]["magnitude"], [name for name, _ in through]))
     return simulated, kept["f1"] is not first
 
 

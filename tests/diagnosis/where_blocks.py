@@ -11,9 +11,8 @@ from scipy.linalg import solve_triangular
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
-from diagnosis.measurement.features import PLANE_NAMES
 from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
-from diagnosis.measurement.reference import CELLS, cell_centres
+from diagnosis.measurement.reference import CELLS, PLANE_NAMES, cell_centres
 from diagnosis.simulation.sizes import at_all_places, nodes
 
 Array = NDArray[np.float64]
