@@ -8,10 +8,9 @@ VENV := .venv
 OUT := demo-out
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
-PACKAGES := simcore renderer capture metric trainer diagnosis services
 export VENV PYTHON TORCH_INDEX
 
-.PHONY: help setup demo test lint format bench bench-solver serve lock clean
+.PHONY: help setup demo test lint format docs bench bench-solver serve lock clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 22
@@ -40,10 +39,15 @@ format: $(READY) ## let ruff put the code in form
 	@$(BIN)/ruff check --fix .
 	@$(BIN)/ruff format .
 
-bench: $(READY) ## every benchmark under bench/ (hours): prints tables, writes JSON under out/bench
-	@found=0; for script in bench/bench_*.py; do \
-	    [ "$$script" != bench/bench_other_simulator.py ] || continue; found=1; echo "== $$script"; $(BIN)/python "$$script"; done; \
-	    [ $$found = 1 ] || { echo "no benchmarks under bench/" >&2; exit 1; }
+docs: $(READY) ## write the generated pages anew: docs/errors.md, the text of docs/effects.md
+	@$(BIN)/python -m services.error_page docs/errors.md
+	@$(BIN)/python -m diagnosis.pages.effect_page docs/effects.md --text
+
+bench: $(READY) ## all of bench/ (hours; JSON under out/bench) but bench_other_simulator.py, which asks for a folder
+	@failed=; for script in bench/bench_*.py; do \
+	    [ "$$script" != bench/bench_other_simulator.py ] || continue; echo "== $$script"; \
+	    $(BIN)/python "$$script" || failed="$$failed $$script"; done; \
+	    [ -z "$$failed" ] || { echo "make bench: FAILED:$$failed" >&2; exit 1; }
 
 bench-solver: $(READY) ## CPU seconds per drape on one core
 	@OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 $(BIN)/python bench/bench_solver.py

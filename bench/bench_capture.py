@@ -17,6 +17,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
+from fabrics import FABRICS
 from numpy.typing import NDArray
 from results import add_json_option
 from scipy import ndimage
@@ -30,16 +31,9 @@ from renderer.depth import render_buffers, render_depth
 from renderer.pose import invert_pose, pose_from_rotation
 from renderer.sensor import SR300_LIKE, SensorModel
 from simcore.mesh import GridMesh
-from simcore.parameters import FabricParameters
 from simcore.scenes import Scene, Setup
 from simcore.solver import Solver
 
-FABRICS = {
-    "vstiff": FabricParameters(3000, 3000, 3000, 1e-3, 1e-3, 1e-3, 0.2),
-    "stiff": FabricParameters(3000, 2500, 1000, 2.5e-4, 2.5e-4, 2.5e-4, 0.4),
-    "medium": FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2),
-    "soft": FabricParameters(300, 200, 100, 1e-6, 1e-6, 1e-6, 0.1),
-}
 SENSORS = {"ideal": SensorModel(), "1 mm noise": SensorModel(range_noise_m=0.001), "SR300-like": SR300_LIKE}
 CAMERA = Camera(640, 480, 475.0, 475.0, 325.0, 236.0)
 STEP_M = 0.012

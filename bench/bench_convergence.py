@@ -22,7 +22,8 @@ import json
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from bench_solver import FABRICS, LIMIT_S
+from bench_solver import LIMIT_S
+from fabrics import FABRICS
 from numpy.typing import NDArray
 from results import add_json_option
 

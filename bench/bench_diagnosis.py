@@ -58,8 +58,7 @@ def _diagnose(what: str, captures: CaptureSet, workers: int, resolution_m: float
     began = time.monotonic()
     found = diagnose(captures, DiagnosisOptions(resolution_m=resolution_m, workers=workers), cache=cache)
     cost = found.report.cost
-    solver = float((cost.model_extra or {})["solver_seconds"])
-    return _row(what, workers, cost.simulations, solver, began)
+    return _row(what, workers, cost.simulations, cost.solver_seconds, began)
 
 
 def _row(what: str, workers: int, simulations: int, solver: float, began: float) -> Row:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_solver import FABRICS
+from fabrics import FABRICS
 from numpy.typing import NDArray
 from results import add_json_option
 

@@ -18,6 +18,7 @@ import time
 from typing import Any
 
 import numpy as np
+from fabrics import FABRICS
 from results import add_json_option
 
 from simcore.mesh import GridMesh
@@ -26,12 +27,6 @@ from simcore.prior import FabricPrior
 from simcore.scenes import Scene, Setup
 from simcore.solver import Solver
 
-FABRICS = {
-    "vstiff": FabricParameters(3000, 3000, 3000, 1e-3, 1e-3, 1e-3, 0.2),
-    "stiff": FabricParameters(3000, 2500, 1000, 2.5e-4, 2.5e-4, 2.5e-4, 0.4),
-    "medium": FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2),
-    "soft": FabricParameters(300, 200, 100, 1e-6, 1e-6, 1e-6, 0.1),
-}
 LIMIT_S = 300.0
 
 

@@ -21,9 +21,10 @@ from metric.descriptor import thumbnail
 from metric.figures import embedding_figure, search_figure, side_by_side
 from metric.matrix import pair_tables
 from metric.parameter_distance import ParameterDistance
-from metric.render_cache import RenderCache, default_cache_folder
+from metric.render_cache import RenderCache
 from metric.scaling import classical_scaling, excess_distance
 from metric.simulate import SimulationPlan, simulate_fabrics
+from renderer.user_cache import default_cache_folder
 from simcore.parameters import FabricParameters
 
 RIGIDITY_PER_HINGE_STIFFNESS = 0.24

@@ -141,7 +141,7 @@ def drape(
 
 def main() -> None:
     """Run the peer alone."""
-    from bench_solver import FABRICS
+    from fabrics import FABRICS
 
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--cells", type=float, default=10.0, help="mm")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -14,6 +14,7 @@ from capture.register import Registration, given_registration, register
 from capture.segment import ClothRegion, segment_cloth
 from renderer.camera import Camera
 from simcore.errors import InputError
+from simcore.scenes import Scene
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,14 @@ def prepare_all(captures: Sequence[Capture]) -> Iterator[PreparedCapture]:
         _finish(capture, region, registrations[index])
         for index, (capture, region) in enumerate(zip(captures, regions, strict=True))
     )
+
+
+def inputs_by_fabric(prepared: Iterable[PreparedCapture]) -> dict[str, dict[Scene | str, list[NetworkInput]]]:
+    """What the network sees of each fabric (by id), by scene, in the captures' order."""
+    found: dict[str, dict[Scene | str, list[NetworkInput]]] = {}
+    for one in prepared:
+        found.setdefault(one.capture.fabric.id, {}).setdefault(one.capture.scene, []).append(one.network_input)
+    return found
 
 
 def _find_cloth(capture: Capture) -> ClothRegion:

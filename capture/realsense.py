@@ -128,8 +128,8 @@ def import_realsense() -> Any:
         import pyrealsense2
     except ImportError as error:
         raise MissingResourceError(
-            f"pyrealsense2 cannot be imported ({error}): pip install 'drapemeter[realsense]', or export the depth "
-            "frames as 16-bit PNG files and import their folder",
+            f"pyrealsense2 cannot be imported ({error}): .venv/bin/pip install -e '.[realsense]' in the project's "
+            "folder, or export the depth frames as 16-bit PNG files and import their folder",
             code="realsense_missing",
         ) from None
     return pyrealsense2

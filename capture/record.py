@@ -12,8 +12,8 @@ import numpy as np
 from capture.addition import FOLDER_IN_USE, LOCK_FILE, NewCapture, taken_for_granted, with_capture
 from capture.capture_set import picture_path, write_captures_json
 from capture.sources import DepthSource, Frame
-from renderer.atomic import write_atomically
 from renderer.camera import Camera
+from renderer.picture import write_png
 from simcore.errors import InputError
 
 LOCK_WAIT_S = 60.0
@@ -73,7 +73,7 @@ def record_capture(
     with _alone(folder):
         document = with_capture(folder, new, source.camera)
         added = document.captures[-1]
-        _write(picture_path(folder, added.depth, writing=True), counts)
+        write_png(picture_path(folder, added.depth, writing=True), counts)
         write_captures_json(document, folder)
     if tell is not None:
         for note in taken_for_granted(document, new):
@@ -127,13 +127,3 @@ def _alone(folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-def _write(path: Path, counts: Frame) -> None:
-    from io import BytesIO
-
-    from PIL import Image
-
-    content = BytesIO()
-    Image.fromarray(counts).save(content, format="PNG")
-    write_atomically(path, content.getvalue())

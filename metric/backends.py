@@ -25,29 +25,30 @@ class Channel(StrEnum):
 
 
 class Backend(Protocol):
-    """One image distance IM(a, b): 0 for the same picture, larger for less alike.
-
-    Attributes:
-        name: as given to ``--backend``.
-        channel: which picture of a render it reads.
-        unit: unit of the distance, "" where it has none.
-        fingerprint: changes whenever the same picture would give other features (weights, version).
-    """
+    """One image distance IM(a, b): 0 for the same picture, larger for less alike."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """As given to ``--backend``."""
+        ...
 
     @property
-    def channel(self) -> Channel: ...
+    def channel(self) -> Channel:
+        """Which picture of a render it reads."""
+        ...
 
     @property
-    def unit(self) -> str: ...
+    def unit(self) -> str:
+        """Unit of the distance, "" where it has none."""
+        ...
 
     @property
-    def fingerprint(self) -> str: ...
+    def fingerprint(self) -> str:
+        """Changes whenever the same picture would give other features (weights, version)."""
+        ...
 
     def features(self, renders: Sequence[DrapeRender]) -> list[Features]:
-        """One pass over each render, in batches.
+        """One pass over each render, in batches; one entry a render.
 
         Raises:
             InputError: renders of different size, or without the channel.
@@ -55,24 +56,30 @@ class Backend(Protocol):
         ...
 
     def table(self, a: Sequence[Features], b: Sequence[Features]) -> NDArray[np.float64]:
-        """IM of every pair, float64, shape [len(a), len(b)]."""
+        """IM of every pair, float64, shape [len(a), len(b)].
+
+        Raises:
+            InputError: features of pictures of different size.
+        """
         ...
 
 
 @runtime_checkable
 class SquaredEuclideanBackend(Backend, Protocol):
-    """A back end whose features are vectors and whose distance is their squared Euclidean distance.
-
-    Attributes:
-        squared_distance_unit: IM for a squared distance of 1 between features.
-    """
+    """A back end whose features are vectors and whose distance is their squared Euclidean distance."""
 
     @property
-    def squared_distance_unit(self) -> float: ...
+    def squared_distance_unit(self) -> float:
+        """IM for a squared distance of 1 between features."""
+        ...
 
 
 def distance(backend: Backend, a: DrapeRender, b: DrapeRender) -> float:
-    """IM of one pair of renders."""
+    """IM of one pair of renders.
+
+    Raises:
+        InputError: renders of different size, or without the channel.
+    """
     first, second = backend.features([a, b])
     return float(backend.table([first], [second])[0, 0])
 

@@ -81,10 +81,13 @@ class LpipsBackend:
         return self._features(np.stack([lpips_range(r.need_shaded()) for r in renders]), range_known=True)
 
     def features_of(self, images: NDArray[np.float32]) -> list[NDArray[np.float16]]:
-        """Scaled features of each image.
+        """Scaled features of images from elsewhere; what LPIPS itself would measure wrongly is refused.
 
         Args:
             images: float32, shape [N, 3, H, W], from -1 (black) to 1 (white).
+
+        Returns:
+            float16, shape [D] each.
 
         Raises:
             InputError: other shape or range, constant, or not finite.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -20,17 +19,7 @@ from renderer.atomic import write_atomically
 from renderer.camera import CANONICAL_CAMERA
 from renderer.trim import mark_used, trim_folder
 
-CACHE_VARIABLE = "DRAPEMETER_CACHE"
 _ENGINES = ("taichi", "open3d", "numpy", "scipy", "mkl")
-
-
-def default_cache_folder() -> Path | None:
-    """``DRAPEMETER_CACHE`` (empty: None, nothing is kept), else ``drapemeter`` in the user's cache folder."""
-    named = os.environ.get(CACHE_VARIABLE)
-    if named is not None:
-        return Path(named) if named else None
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "drapemeter"
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class FabricRenders:
         fabric: its parameters.
         scenes: renders by scene, one a repeat.
         retries: simulations that needed more than one attempt.
-        failure: why it could not be simulated; "" where every simulation came to rest. Then ``scenes`` is incomplete.
+        failure: why it could not be simulated (``scenes`` is then incomplete); "" where every simulation came to rest.
     """
 
     fabric: FabricParameters

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from renderer.torchvision_import import WEIGHTS_VARIABLE
 from simcore.errors import MissingResourceError
 
 if TYPE_CHECKING:
     import torch
 
-WEIGHTS_VARIABLE = "DRAPEMETER_WEIGHTS"
 _CONNECT_TIMEOUT_S = 15.0
 INSTEAD = "or choose the back end depth (--backend depth; in a study --backends depth), which needs no weights"
 """What to do otherwise, in commands that compare drapes; a diagnosis goes on without."""

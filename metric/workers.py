@@ -12,6 +12,7 @@ from multiprocessing.context import SpawnProcess
 from typing import Any, Generic, TypeVar
 
 from simcore.errors import DrapemeterError, SimulationError
+from simcore.parent import end_with_parent
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -32,8 +33,8 @@ def run_in_processes(work: Callable[[Item], Result], items: Sequence[Item], coun
     """Results in the order in which they are ready.
 
     Workers are spawned (the child of a fork hangs in Taichi): one worker = one process = one Taichi runtime. When the
-    iteration ends in whatever way, Ctrl-C included, they are stopped at once; when this process is killed, each leaves
-    after its present item.
+    iteration ends in whatever way, Ctrl-C included, they are stopped at once; they end with this process if it is
+    killed.
 
     Args:
         work: a module's function.
@@ -93,6 +94,7 @@ def _receive(worker: _Worker[Any]) -> Any:
 def _serve(pipe: Connection, work: Callable[[Any], Any]) -> None:
     """The worker: items in, results out, until the pipe closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears Ctrl-C and stops its workers
+    end_with_parent()
     while True:
         try:
             item = pipe.recv()

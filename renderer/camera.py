@@ -46,23 +46,6 @@ class Camera:
         if not (1 <= self.width <= 16384 and 1 <= self.height <= 16384):
             raise InputError(f"camera picture size {self.width} x {self.height} is not usable", code="camera")
 
-    @classmethod
-    def from_fov(cls, width: int, height: int, horizontal_fov_deg: float, *, depth_unit_m: float = 1e-4) -> Camera:
-        """Undistorted camera with square pixels and a centred principal point.
-
-        Args:
-            width, height: picture size [pixel].
-            horizontal_fov_deg: angle between the outer borders of the first and the last pixel column [degree].
-            depth_unit_m: metres per count of the 16-bit depth picture.
-
-        Raises:
-            InputError: the angle is not between 1 and 170 degrees.
-        """
-        if not 1.0 <= horizontal_fov_deg <= 170.0:
-            raise InputError(f"field of view {horizontal_fov_deg} degrees must be from 1 to 170", code="camera")
-        focal = 0.5 * width / math.tan(math.radians(horizontal_fov_deg) / 2)
-        return cls(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, depth_unit_m=depth_unit_m)
-
     @property
     def matrix(self) -> NDArray[np.float64]:
         """K, float64, shape [3, 3]."""
@@ -133,6 +116,9 @@ class Camera:
 
         Returns:
             float64 [m], shape [height, width, 3]; NaN where there is no data.
+
+        Raises:
+            InputError: a picture of another size, or a distortion that has no inverse.
         """
         z = np.asarray(depth, dtype=np.float64)
         if z.shape != (self.height, self.width):

@@ -14,9 +14,6 @@ from renderer.raycast import NO_TRIANGLE, RayHits, RayScene
 from renderer.surface import triangle_areas, vertex_normals
 from simcore.errors import InputError
 
-PanelExtent = tuple[float, float, float, float]
-"""x_min, x_max, y_min, y_max of a panel that does not fill the picture [m], panel frame."""
-
 _CONTACT_M = 1e-5
 """Cloth this far behind the panel's front still counts as lying on it [m]."""
 
@@ -48,41 +45,23 @@ def render_depth(
     camera_from_panel: ArrayLike,
     *,
     panel: bool = True,
-    panel_extent_m: PanelExtent | None = None,
-    inclination_deg: float = 0.0,
-    incline_panel: bool = True,
 ) -> NDArray[np.float32]:
     """z-depth of the first thing each pixel's ray meets.
-
-    The sample is inclined about the horizontal axis through its top pins together with its panel, against a camera
-    that stays (``incline_panel=False``: the cloth alone; a hem taken back then vanishes behind the panel).
 
     Args:
         vertices: drape [m], panel frame, shape [V, 3].
         triangles: int, shape [T, 3].
         camera: intrinsics with distortion.
         camera_from_panel: pose, [4, 4].
-        panel: a panel stands at z = 0.
-        panel_extent_m: its borders; None = it fills the picture.
-        inclination_deg: positive brings the hem towards the camera [degree].
+        panel: a panel stands at z = 0; it fills the picture.
 
     Returns:
         float32 [H, W], metres along the optical axis (never ray length), 0 = no data.
 
     Raises:
-        InputError: mesh not finite or empty, pose not rigid, inclination absurd, camera behind the panel.
+        InputError: mesh not finite or empty, pose not rigid, camera behind the panel.
     """
-    pictures = render_depths(
-        vertices,
-        triangles,
-        camera,
-        camera_from_panel,
-        (inclination_deg,),
-        panel=panel,
-        panel_extent_m=panel_extent_m,
-        incline_panel=incline_panel,
-    )
-    picture: NDArray[np.float32] = pictures[0]
+    picture: NDArray[np.float32] = render_depths(vertices, triangles, camera, camera_from_panel, (0.0,), panel=panel)[0]
     return picture
 
 
@@ -94,22 +73,29 @@ def render_depths(
     inclinations_deg: Sequence[float],
     *,
     panel: bool = True,
-    panel_extent_m: PanelExtent | None = None,
-    incline_panel: bool = True,
 ) -> NDArray[np.float32]:
     """:func:`render_depth` for several inclinations of one drape: the mesh is built once.
 
+    The sample is inclined about the horizontal axis through its top pins together with its panel, against a camera
+    that stays.
+
+    Args:
+        vertices, triangles, camera, camera_from_panel, panel: as for :func:`render_depth`.
+        inclinations_deg: positive brings the hem towards the camera [degree].
+
     Returns:
         float32 [inclinations, H, W], metres.
+
+    Raises:
+        InputError: as :func:`render_depth`, or an inclination is absurd.
     """
     scene = RayScene(vertices, triangles)
     pose = check_pose(camera_from_panel)
     pictures = np.empty((len(inclinations_deg), camera.height, camera.width), dtype=np.float32)
     for k, inclination in enumerate(inclinations_deg):
         inclined = pose @ inclination_pose(inclination)
-        hits = scene.cast(camera, inclined)
-        behind = panel_depth(camera, inclined if incline_panel else pose, panel_extent_m) if panel else None
-        pictures[k] = _compose(hits, behind)[0]
+        behind = panel_depth(camera, inclined) if panel else None
+        pictures[k] = _compose(scene.cast(camera, inclined), behind)[0]
     return pictures
 
 
@@ -120,30 +106,23 @@ def render_buffers(
     camera_from_panel: ArrayLike,
     *,
     panel: bool = True,
-    panel_extent_m: PanelExtent | None = None,
-    inclination_deg: float = 0.0,
-    incline_panel: bool = True,
 ) -> DepthBuffers:
     """:func:`render_depth` with the cloth's mask, triangles, barycentric weights and normals."""
     scene = RayScene(vertices, triangles)
     pose = check_pose(camera_from_panel)
-    inclined = pose @ inclination_pose(inclination_deg)
-    panel_pose = inclined if incline_panel else pose
-    hits = scene.cast(camera, inclined)
-    behind = panel_depth(camera, panel_pose, panel_extent_m) if panel else None
+    hits = scene.cast(camera, pose)
+    behind = panel_depth(camera, pose) if panel else None
     depth, cloth = _compose(hits, behind)
-    normals = hit_normals(scene, hits, camera, inclined)
+    normals = hit_normals(scene, hits, camera, pose)
     normals[~cloth] = 0.0
     if panel:
-        normals[(depth > 0.0) & ~cloth] = panel_pose[:3, 2]
+        normals[(depth > 0.0) & ~cloth] = pose[:3, 2]
     triangle = np.where(cloth, hits.triangle, np.int32(NO_TRIANGLE))
     barycentric = np.where(cloth[..., None], hits.barycentric, np.float32(0.0))
     return DepthBuffers(depth, cloth, triangle, barycentric, normals)
 
 
-def panel_depth(
-    camera: Camera, camera_from_panel: ArrayLike, extent_m: PanelExtent | None = None
-) -> NDArray[np.float32]:
+def panel_depth(camera: Camera, camera_from_panel: ArrayLike) -> NDArray[np.float32]:
     """z-depth of the plane z = 0 of the panel frame, exact, float32 [H, W]; ``inf`` where a ray misses it.
 
     Raises:
@@ -160,12 +139,6 @@ def panel_depth(
     slope = ray_directions(camera) @ normal
     with np.errstate(divide="ignore"):
         depth = np.where(slope < 0.0, distance / slope, np.inf)
-    if extent_m is not None:
-        x_min, x_max, y_min, y_max = extent_m
-        seen = np.isfinite(depth)
-        points = ray_directions(camera)[seen] * depth[seen][:, None] - origin
-        x, y = points @ pose[:3, 0], points @ pose[:3, 1]
-        depth[seen] = np.where((x >= x_min) & (x <= x_max) & (y >= y_min) & (y <= y_max), depth[seen], np.inf)
     return depth.astype(np.float32)
 
 

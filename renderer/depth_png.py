@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from renderer.atomic import write_atomically
+from renderer.picture import png_bytes
 from simcore.errors import InputError
 
 MAX_COUNT = 65535
@@ -65,14 +66,10 @@ def depth_png_bytes(depth: ArrayLike, depth_unit_m: float = 1e-4) -> bytes:
     Raises:
         InputError: see :func:`quantise_depth`; or it has another shape.
     """
-    from PIL import Image
-
     counts = quantise_depth(depth, depth_unit_m)
     if counts.ndim != 2 or 0 in counts.shape:
         raise InputError(f"a depth picture has shape [rows, columns], got {counts.shape}", code="depth_shape")
-    content = io.BytesIO()
-    Image.fromarray(counts).save(content, format="PNG")
-    return content.getvalue()
+    return png_bytes(counts)
 
 
 def read_depth_png(path: Path | str, depth_unit_m: float = 1e-4) -> NDArray[np.float32]:

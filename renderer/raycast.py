@@ -14,6 +14,7 @@ from renderer.pose import check_pose
 from renderer.surface import check_surface
 
 NO_TRIANGLE = -1
+_THREADS = 1
 
 
 @dataclass(frozen=True)
@@ -35,25 +36,23 @@ class RayScene:
     """A mesh built once and cast from any camera and pose.
 
     Rays, not vertices, are moved for each view, and their directions have unit z in the camera frame, so that the
-    parameter of a hit is its z-depth. Casts on one thread by default: a worker is one core, and the bits are the same
-    on any machine load.
+    parameter of a hit is its z-depth. Casts on one thread: a worker is one core, and the bits are the same on any
+    machine load.
 
     Args:
         vertices: [m], panel frame, shape [V, 3].
         triangles: int, shape [T, 3].
-        threads: threads of a cast; 0 = all cores.
 
     Raises:
         InputError: the mesh cannot be rendered (see :func:`~renderer.surface.check_surface`).
     """
 
-    def __init__(self, vertices: ArrayLike, triangles: ArrayLike, *, threads: int = 1) -> None:
+    def __init__(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
         import open3d as o3d
 
         self.vertices, self.triangles = check_surface(vertices, triangles)
-        self._threads = threads
         core, cpu = o3d.core, o3d.core.Device("CPU:0")
-        self._scene: Any = o3d.t.geometry.RaycastingScene(nthreads=threads)
+        self._scene: Any = o3d.t.geometry.RaycastingScene(nthreads=_THREADS)
         self._scene.add_triangles(
             core.Tensor(self.vertices.astype(np.float32), core.float32, cpu),
             core.Tensor(self.triangles.astype(np.uint32), core.uint32, cpu),
@@ -81,7 +80,7 @@ class RayScene:
         rays = np.empty((*directions.shape[:2], 6), dtype=np.float32)
         rays[..., :3] = origin
         rays[..., 3:] = directions @ rotation
-        answer = self._scene.cast_rays(self._rays(rays), nthreads=self._threads)
+        answer = self._scene.cast_rays(self._rays(rays), nthreads=_THREADS)
         hits.depth[window] = answer["t_hit"].numpy()
         hits.triangle[window] = answer["primitive_ids"].numpy().view(np.int32)  # "none" is 2**32 - 1, that is -1
         hits.barycentric[window] = answer["primitive_uvs"].numpy()

@@ -19,7 +19,7 @@ EDGE_JUMP_M = 0.01
 
 
 def depth_edges(depth: Depth, jump_m: float = EDGE_JUMP_M) -> NDArray[np.bool_]:
-    """Pixels with one of four neighbours more than ``jump_m`` nearer or farther, bool [H, W]; holes are no edge."""
+    """Pixels with one of four neighbours more than ``jump_m`` [m] nearer or farther, bool [H, W]; holes are no edge."""
     edges = np.zeros(depth.shape, dtype=bool)
     for near, far in _neighbour_slices():
         a, b = depth[near], depth[far]
@@ -33,8 +33,21 @@ def add_flying_pixels(depth: Depth, fraction: float, rng: np.random.Generator, j
     """A share ``fraction`` of the edge pixels reads somewhere between the two sides of the edge, uniformly.
 
     A pixel that straddles an edge mixes the light of both surfaces.
+
+    Args:
+        depth: z-depth [m], float32 [H, W].
+        fraction: share of the edge pixels, 0 to 1.
+        rng: source of randomness.
+        jump_m: a larger step between neighbours is an edge [m].
+
+    Returns:
+        float32 [H, W], metres.
+
+    Raises:
+        InputError: the share is out of range.
     """
-    _check_fraction(fraction, "flying pixels")
+    if not 0.0 <= fraction <= 1.0:
+        raise InputError(f"flying pixels {fraction} must be a share from 0 to 1", code="sensor_flying_pixels")
     if fraction == 0.0:
         return depth.copy()
     near, far = depth.copy(), depth.copy()
@@ -52,14 +65,21 @@ def drop_readings(depth: Depth, fraction: float, rng: np.random.Generator, patch
     """Lose a share ``fraction`` of the readings at random.
 
     Args:
-        depth: z-depth [m].
+        depth: z-depth [m], float32 [H, W].
         fraction: share lost, 0 to 1.
         rng: source of randomness.
         patch_px: size of the holes (standard deviation of the blurred noise that is cut); 0 = single pixels.
+
+    Returns:
+        float32 [H, W], metres.
+
+    Raises:
+        InputError: share or size is out of range.
     """
     from scipy.ndimage import gaussian_filter
 
-    _check_fraction(fraction, "dropout")
+    if not 0.0 <= fraction <= 1.0:
+        raise InputError(f"dropout {fraction} must be a share from 0 to 1", code="sensor_dropout")
     if not 0.0 <= patch_px <= 100.0:
         raise InputError(f"dropout patches of {patch_px} px must be from 0 to 100", code="sensor_dropout")
     if fraction == 0.0:
@@ -73,8 +93,13 @@ def drop_readings(depth: Depth, fraction: float, rng: np.random.Generator, patch
 
 
 def drop_edges(depth: Depth, fraction: float, rng: np.random.Generator, jump_m: float = EDGE_JUMP_M) -> Depth:
-    """Lose a share ``fraction`` of the pixels at depth edges."""
-    _check_fraction(fraction, "edge dropout")
+    """Lose a share ``fraction`` of the pixels at depth edges, steps of more than ``jump_m`` [m]; float32 [H, W].
+
+    Raises:
+        InputError: the share is out of range.
+    """
+    if not 0.0 <= fraction <= 1.0:
+        raise InputError(f"edge dropout {fraction} must be a share from 0 to 1", code="sensor_edge_dropout")
     if fraction == 0.0:
         return depth.copy()
     lost = depth_edges(depth, jump_m) & (rng.random(depth.shape) < fraction)
@@ -85,6 +110,17 @@ def drop_grazing(depth: Depth, camera: Camera, limit_deg: float) -> Depth:
     """Lose surface whose normal is turned from the line of sight by more than ``limit_deg`` [degree]; 90 loses nothing.
 
     The slope is that of the flatter one-sided difference along each axis, so that edges do not count as steep surface.
+
+    Args:
+        depth: z-depth [m], float32, shape [camera.height, camera.width].
+        camera: that took it.
+        limit_deg: above 0 and at most 90 [degree].
+
+    Returns:
+        float32 [H, W], metres.
+
+    Raises:
+        InputError: the limit is out of range.
     """
     if not 0.0 < limit_deg <= 90.0:
         raise InputError(f"grazing limit {limit_deg} degrees must be above 0 and at most 90", code="sensor_grazing")
@@ -116,6 +152,17 @@ def cast_shadow(depth: Depth, camera: Camera, baseline_m: float) -> Depth:
 
     In the projector's picture a point of column c and depth z lies at c - fx baseline / z. Walking along a row these
     columns rise; a point that another one nearer overtakes is in its shadow. Lens distortion is left out.
+
+    Args:
+        depth: z-depth [m], float32, shape [camera.height, camera.width].
+        camera: that took it.
+        baseline_m: from -1 to 1 [m].
+
+    Returns:
+        float32 [H, W], metres.
+
+    Raises:
+        InputError: the baseline is out of range.
     """
     if not abs(baseline_m) <= 1.0:
         raise InputError(f"projector baseline {baseline_m} m must be from -1 to 1", code="sensor_shadow")
@@ -134,8 +181,3 @@ def _neighbour_slices() -> tuple[tuple[tuple[slice, slice], tuple[slice, slice]]
     """Index pairs that lay every pixel on its right and on its lower neighbour."""
     everything, first, last = slice(None), slice(None, -1), slice(1, None)
     return (((everything, first), (everything, last)), ((first, everything), (last, everything)))
-
-
-def _check_fraction(fraction: float, name: str) -> None:
-    if not 0.0 <= fraction <= 1.0:
-        raise InputError(f"{name} {fraction} must be a share from 0 to 1", code=f"sensor_{name.replace(' ', '_')}")

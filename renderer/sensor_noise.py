@@ -5,8 +5,6 @@ Pictures are z-depth [m], float32 [H, W], 0 = no data; what is 0 stays 0. A magn
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,14 +15,22 @@ MAX_DEPTH_M = 65.0
 
 
 def scale_depth(depth: Depth, fraction: float) -> Depth:
-    """Every depth times (1 + ``fraction``): a camera whose baseline or focal length is off."""
+    """Every depth times (1 + ``fraction``), float32 [H, W]: a camera whose baseline or focal length is off.
+
+    Raises:
+        InputError: the fraction is out of range.
+    """
     if not -0.9 <= fraction <= 9.0:
         raise InputError(f"depth scale {fraction} must be from -0.9 to 9 (0 = none)", code="sensor_depth_scale")
     return (depth * np.float64(1.0 + fraction)).astype(np.float32)
 
 
 def bias_depth(depth: Depth, offset_m: float) -> Depth:
-    """Every depth plus ``offset_m`` [m]; readings that fall to 0 or below are lost."""
+    """Every depth plus ``offset_m`` [m], float32 [H, W]; readings that fall to 0 or below are lost.
+
+    Raises:
+        InputError: the offset is out of range.
+    """
     if not abs(offset_m) <= MAX_DEPTH_M:
         raise InputError(
             f"depth bias {offset_m} m must be from {-MAX_DEPTH_M:g} to {MAX_DEPTH_M:g} (0 = none)",
@@ -39,9 +45,26 @@ def add_range_noise(depth: Depth, sigma_m: float, at_m: float, rng: np.random.Ge
 
     Triangulation (structured light, stereo) measures disparity d = f b / z with a constant error, so that
     dz = z² / (f b) dd. Readings that fall to 0 or below are lost.
+
+    Args:
+        depth: z-depth [m], float32 [H, W].
+        sigma_m: from 0 to 1 [m].
+        at_m: reference depth, above 0 [m].
+        rng: source of randomness.
+
+    Returns:
+        float32 [H, W], metres.
+
+    Raises:
+        InputError: noise or reference depth is out of range.
     """
-    _check(sigma_m, 1.0, "range noise", "m")
-    _check(at_m, MAX_DEPTH_M, "range noise's reference depth", "m", above_zero=True)
+    if not 0.0 <= sigma_m <= 1.0:
+        raise InputError(f"range noise {sigma_m} m must be from 0 to 1", code="sensor_range_noise")
+    if not 0.0 < at_m <= MAX_DEPTH_M:
+        raise InputError(
+            f"range noise's reference depth {at_m} m must be above 0 and at most {MAX_DEPTH_M:g}",
+            code="sensor_range_noise",
+        )
     if sigma_m == 0.0:
         return depth.copy()
     z = depth.astype(np.float64)
@@ -50,17 +73,35 @@ def add_range_noise(depth: Depth, sigma_m: float, at_m: float, rng: np.random.Ge
 
 
 def quantise_uniform(depth: Depth, step_m: float) -> Depth:
-    """Round to whole multiples of ``step_m`` [m], the same at every depth, as the capture sets at hand show."""
-    _check(step_m, 1.0, "quantisation", "m")
+    """Round to whole multiples of ``step_m`` [m], the same at every depth, as the capture sets at hand show.
+
+    Returns:
+        float32 [H, W], metres.
+
+    Raises:
+        InputError: the step is out of range.
+    """
+    _check_step(step_m)
     if step_m == 0.0:
         return depth.copy()
     return (np.rint(depth.astype(np.float64) / step_m) * step_m).astype(np.float32)
 
 
 def quantise_disparity(depth: Depth, step_m: float, at_m: float) -> Depth:
-    """Round the disparity (proportional to 1/z) so that depths are ``step_m`` apart at ``at_m``; steps grow as z²."""
-    _check(step_m, 1.0, "quantisation", "m")
-    _check(at_m, MAX_DEPTH_M, "quantisation's reference depth", "m", above_zero=True)
+    """Round the disparity (proportional to 1/z) so that depths are ``step_m`` apart at ``at_m`` [m]; steps grow as z².
+
+    Returns:
+        float32 [H, W], metres.
+
+    Raises:
+        InputError: step or reference depth is out of range.
+    """
+    _check_step(step_m)
+    if not 0.0 < at_m <= MAX_DEPTH_M:
+        raise InputError(
+            f"quantisation's reference depth {at_m} m must be above 0 and at most {MAX_DEPTH_M:g}",
+            code="sensor_quantisation",
+        )
     if step_m == 0.0:
         return depth.copy()
     step = step_m / at_m**2
@@ -70,10 +111,18 @@ def quantise_disparity(depth: Depth, step_m: float, at_m: float) -> Depth:
 
 
 def smooth_depth(depth: Depth, sigma_px: float) -> Depth:
-    """Gaussian blur of standard deviation ``sigma_px`` over the readings there are; holes neither spread nor fill."""
+    """Gaussian blur of standard deviation ``sigma_px`` over the readings there are; holes neither spread nor fill.
+
+    Returns:
+        float32 [H, W], metres.
+
+    Raises:
+        InputError: the deviation is out of range.
+    """
     from scipy.ndimage import gaussian_filter
 
-    _check(sigma_px, 100.0, "smoothing", "px")
+    if not 0.0 <= sigma_px <= 100.0:
+        raise InputError(f"smoothing {sigma_px} px must be from 0 to 100", code="sensor_smoothing")
     if sigma_px == 0.0:
         return depth.copy()
     weight = (depth > 0).astype(np.float64)
@@ -82,9 +131,6 @@ def smooth_depth(depth: Depth, sigma_px: float) -> Depth:
     return np.where(depth > 0, blurred / np.maximum(weights, 1e-12), 0.0).astype(np.float32)
 
 
-def _check(value: float, highest: float, name: str, unit: str, *, above_zero: bool = False) -> None:
-    if not math.isfinite(value) or value < 0.0 or value > highest or (above_zero and value == 0.0):
-        raise InputError(
-            f"{name} {value} {unit} must be {'above 0 and at most' if above_zero else 'from 0 to'} {highest:g}",
-            code=f"sensor_{name.split(chr(39))[0].replace(' ', '_')}",
-        )
+def _check_step(step_m: float) -> None:
+    if not 0.0 <= step_m <= 1.0:
+        raise InputError(f"quantisation {step_m} m must be from 0 to 1", code="sensor_quantisation")

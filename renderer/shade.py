@@ -142,6 +142,8 @@ def shade_lambertian_raycast(
 ) -> NDArray[np.uint8]:
     """Shaded picture by ray casting alone: no graphics driver, bit-identical between runs; uint8 [H, W].
 
+    What tests hold against closed forms: Lambert's law, the place of the light.
+
     Arguments and errors as for :class:`ShadedRenderer` and its ``render``.
     """
     renderer = ShadedRenderer(camera, engine=ShadeEngine.RAYCAST, light=light, supersample=supersample)

@@ -94,7 +94,7 @@ def object_store(url: str | Path) -> Any:
     (``DRAPEMETER_STORE_RETRY_S``).
 
     Raises:
-        InputError: a URL that obstore does not know, or unusable settings.
+        InputError: a URL that obstore does not know, or unusable settings (``DRAPEMETER_STORE_RETRY_S`` among them).
     """
     import obstore.exceptions
     from obstore.store import from_url
@@ -193,9 +193,7 @@ def lost_attributes(attributes: Mapping[str, Any]) -> list[str]:
 
 def _from_os_error(url: str | Path, error: OSError) -> DrapemeterError:
     if error.errno in NO_ROOM:
-        return InputError(
-            f"{url}: no space is left; free some and finish the store with --resume", code="store_no_space"
-        )
+        return StoreError(f"{url}: no space is left; make room", code="store_no_space")
     if error.errno in _NOT_ALLOWED:
         return InputError(
             f"{url}: not permitted ({error.strerror}); choose a place you may write to", code="store_not_permitted"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import os
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from obstore import exceptions
 from zarr.storage import ObjectStore
+
+from simcore.errors import InputError
 
 if TYPE_CHECKING:
     from zarr.abc.store import ByteRequest
@@ -19,11 +22,27 @@ Result = TypeVar("Result")
 
 FIRST_WAIT_S = 0.1
 LONGEST_WAIT_S = 5.0
+MOST_PATIENCE_S = 366 * 86400.0
 
 
 def patience_s() -> float:
-    """Seconds for which a request is repeated (``DRAPEMETER_STORE_RETRY_S``, two minutes where nothing is said)."""
-    return float(os.environ.get("DRAPEMETER_STORE_RETRY_S", "120"))
+    """Seconds for which a request is repeated (``DRAPEMETER_STORE_RETRY_S``, two minutes where nothing is said).
+
+    Raises:
+        InputError: the variable holds no such number.
+    """
+    named = os.environ.get("DRAPEMETER_STORE_RETRY_S") or "120"
+    try:
+        seconds = float(named)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 <= seconds <= MOST_PATIENCE_S:
+        raise InputError(
+            f"DRAPEMETER_STORE_RETRY_S is {named!r}: give the seconds for which requests are repeated, "
+            f"from 0 to {MOST_PATIENCE_S:.0f}",
+            code="setting_invalid",
+        )
+    return seconds
 
 
 class PatientObjectStore(ObjectStore[Any]):

@@ -164,8 +164,8 @@ class StoreWriter:
             The shard's checksum, hexadecimal.
 
         Raises:
-            StoreError: part of a shard, or arrays of other shapes (nothing is written), or the place fails.
-            InputError: no space or no permission.
+            StoreError: part of a shard, or arrays of other shapes (nothing is written), the place fails, or no space.
+            InputError: no permission.
         """
         import zarr
 

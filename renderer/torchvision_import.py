@@ -15,6 +15,8 @@ from typing import Any
 
 from simcore.errors import MissingResourceError
 
+WEIGHTS_VARIABLE = "DRAPEMETER_WEIGHTS"
+"""Names a folder of torchvision's weights, where they are looked for before they are downloaded."""
 _SCHEMAS = (
     "nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor",
     "qnms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor",

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from services.random_streams import EFFECT_STREAM
 from simcore.parameters import FabricParameters
-
-EFFECT_STREAM = 2
-"""Spawn key of the effects' random numbers; the solver's jitter uses the seed itself, the sensor's noise key 1."""
 
 
 def draw_effect_seed(effect: str, scene: str, cloth: FabricParameters, seed: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -151,8 +152,10 @@ class TrainConfig:
             raise InputError("seed and pictures of an epoch cannot be negative", code="training_numbers")
         if not 0.0 <= self.mirror <= 1.0:
             raise InputError(f"mirror {self.mirror} must be a share from 0 to 1", code="mirror")
-        if not (self.learning_rate > 0 and self.threads >= 1 and self.workers >= 0):
-            raise InputError("learning rate and threads must be positive, workers not negative", code="training_rate")
+        if not (0 < self.learning_rate < math.inf and self.threads >= 1 and self.workers >= 0):
+            raise InputError(
+                "learning rate and threads must be positive and finite, workers not negative", code="training_rate"
+            )
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values."""

@@ -56,11 +56,19 @@ class PictureTable:
         return len(self.row)
 
     def take(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> PictureTable:
-        """The table of some pictures."""
+        """The table of some pictures.
+
+        Args:
+            keep: bool, shape [n], or indices, int64, shape [kept]; their order is that of the new table.
+        """
         return PictureTable(**{name: getattr(self, name)[keep] for name in self.__dataclass_fields__})
 
     def of_materials(self, materials: NDArray[np.int64]) -> PictureTable:
-        """The table of some materials."""
+        """The table of some materials.
+
+        Args:
+            materials: int64, shape [materials].
+        """
         return self.take(np.isin(self.material, materials))
 
     def upright(self) -> PictureTable:
@@ -125,7 +133,7 @@ def decode_heights(codes: Tensor) -> Tensor:
 
 
 def encode_heights(pictures: Tensor) -> Tensor:
-    """int16 heights of pictures, the inverse of :func:`decode_heights` to 0.05 mm."""
+    """int16 heights [..., H, W] of pictures [m], shape [..., 1, H, W]: inverts :func:`decode_heights` to 0.05 mm."""
     return (pictures.squeeze(-3) / HEIGHT_UNIT_M).round().clamp(-(2**15), 2**15 - 1).to(torch.int16)
 
 

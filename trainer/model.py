@@ -23,10 +23,10 @@ from trainer.evaluate import Metrics
 from trainer.intervals import IntervalTable
 from trainer.network import DrapeNetwork
 from trainer.outliers import OutlierModel
+from trainer.shipped import META_FILE, WEIGHTS_FILE, is_model_folder
 from trainer.targets import TargetScaling
 
 FORMAT = "drapemeter-model/1"
-WEIGHTS_FILE, META_FILE = "weights.safetensors", "model.json"
 _NETWORK, _OUTLIERS = "network.", "outliers."
 
 
@@ -69,7 +69,9 @@ class TrainedModel:
             target.parent.mkdir(parents=True, exist_ok=True)
             fresh = Path(tempfile.mkdtemp(prefix=f".{target.name}-", dir=target.parent))
         except OSError as error:
-            raise InputError(f"{target}: cannot be written ({error.strerror})", code="output_not_writable") from None
+            raise InputError(
+                f"{target}: cannot be written ({error.strerror}); name another folder", code="output_not_writable"
+            ) from None
         try:
             (fresh / WEIGHTS_FILE).write_bytes(weights)
             text = json.dumps({**meta, "model_version": version}, indent=1, ensure_ascii=False)
@@ -175,11 +177,6 @@ def check_target(folder: Path) -> None:
             )
     if folder.exists() and not is_model_folder(folder) and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder} exists and holds no model: give another folder", code="output_exists")
-
-
-def is_model_folder(folder: Path) -> bool:
-    """Whether both files are there."""
-    return (folder / META_FILE).is_file() and (folder / WEIGHTS_FILE).is_file()
 
 
 def model_version(weights: bytes, meta: dict[str, Any]) -> str:

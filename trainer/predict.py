@@ -19,14 +19,12 @@ from simcore.parameters import ESTIMATED_NAMES, LIMITS
 from simcore.scenes import Scene
 from trainer.dataset import SCENES
 from trainer.inference import scene_names
-from trainer.model import TrainedModel, is_model_folder, load_model
+from trainer.model import TrainedModel, load_model
 from trainer.network import Features, fuse
 from trainer.outliers import picture_statistics
 from trainer.preprocess import network_images, resize
+from trainer.shipped import DEFAULT_MODEL, is_model_folder
 from trainer.targets import similarity_shift
-
-DEFAULT_MODEL = Path(__file__).parent / "weights" / "default"
-"""The model that ships with the package."""
 
 MOST_STANDARDISED = 4.0
 """The regressor is not believed further than this many spreads from the training materials' mean."""

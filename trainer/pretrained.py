@@ -12,11 +12,10 @@ from urllib.error import URLError
 import torch
 from torch import Tensor
 
-from renderer.torchvision_import import import_torchvision
+from renderer.torchvision_import import WEIGHTS_VARIABLE, import_torchvision
 from simcore.errors import InputError, MissingResourceError
 from trainer.trunk import ResNet18Trunk
 
-WEIGHTS_VARIABLE = "DRAPEMETER_WEIGHTS"
 PATTERNS = ("resnet18*.safetensors", "resnet18*.pth")
 _UNUSED = ("fc.weight", "fc.bias")
 

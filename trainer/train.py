@@ -269,7 +269,18 @@ def losses(
     scaling: TargetScaling,
     subsets: tuple[tuple[int, ...], ...],
 ) -> tuple[Tensor, Tensor]:
-    """Mean squared error (the paper's loss) and the spread's likelihood, over the scene sets that are there."""
+    """Mean squared error (the paper's loss) and the spread's likelihood, over the scene sets that are there.
+
+    Args:
+        network: whose regressor is applied.
+        features: of every picture, shape [pairs, scenes, channels] each; zero where absent.
+        batch: the pairs.
+        scaling: of targets and density.
+        subsets: scene sets that the loss sees, as indices into ``SCENES``.
+
+    Returns:
+        Both averaged over scene sets, pairs and the six standardised targets, float32, shape [].
+    """
     truth = torch.from_numpy(scaling.encode(batch.parameters.numpy())).float()
     density = torch.from_numpy(scaling.encode_density(batch.parameters[:, 6].numpy())).float()
     errors, likelihoods = [], []

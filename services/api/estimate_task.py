@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from services.estimates import estimate_fields
 from services.jobs.scratch import scratch_prefix
 from services.jobs.task import Report
 from simcore.errors import InputError, MissingResourceError
@@ -37,32 +37,21 @@ def estimate_pictures(
         MissingResourceError: the model cannot be read.
     """
     from capture.capture_set import CaptureSet
-    from capture.prepare import prepare_all
+    from capture.prepare import inputs_by_fabric, prepare_all
 
     estimator = _load(model)
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as folder:
         for name, content in pictures.items():
             (Path(folder) / name).write_bytes(content)
         (Path(folder) / "captures.json").write_text(document, encoding="utf-8")
-        inputs: dict[Any, list[Any]] = {}
         try:
-            for prepared in prepare_all(CaptureSet.load(folder, read_pictures=False).captures):
-                inputs.setdefault(prepared.capture.scene, []).append(prepared.network_input)
+            captures = CaptureSet.load(folder, read_pictures=False).captures
+            (inputs,) = inputs_by_fabric(prepare_all(captures)).values()
         except InputError as error:
             # The caller knows names of fields, not of our folders.
             raise InputError(str(error).replace(f"{folder}/", ""), code=error.code) from None
     found = estimator.estimate(inputs, density)
-    score = found.out_of_distribution_score
-    return {
-        "parameters": found.parameters,
-        "intervals_90": {name: list(ends) for name, ends in found.intervals_90.items()},
-        "intervals_calibrated": found.intervals_calibrated,
-        "out_of_distribution": found.out_of_distribution,
-        "out_of_distribution_score": score if math.isfinite(score) else None,
-        "out_of_distribution_reasons": list(found.reasons),
-        "scenes": list(found.scenes),
-        "model_version": found.model_version,
-    }
+    return {**estimate_fields(found), "model_version": found.model_version}
 
 
 @lru_cache(maxsize=1)

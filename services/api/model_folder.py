@@ -5,15 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from simcore.errors import MissingResourceError
-
-META_FILE = "model.json"
+from trainer.shipped import DEFAULT_MODEL, META_FILE
 
 
 def find_model(configured: Path | None) -> Path | None:
     """The configured folder, else the model that ships with the package; None where there is none."""
-    import trainer
-
-    folder = configured if configured is not None else Path(trainer.__path__[0]) / "weights" / "default"
+    folder = configured if configured is not None else DEFAULT_MODEL
     return folder if (folder / META_FILE).is_file() else None
 
 

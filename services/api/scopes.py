@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from services.names import split_names
 from simcore.errors import InputError
 
 
@@ -25,11 +26,13 @@ def parse_scopes(text: str) -> tuple[ApiScope, ...]:
     """Scopes from a comma-separated list; ``*`` is all of them.
 
     Raises:
-        InputError: an unknown scope, or none.
+        InputError: an unknown scope, none, or ``*`` beside others.
     """
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    if names == ["*"]:
+    names = split_names(text)
+    if names == ("*",):
         return tuple(ApiScope)
+    if "*" in names:
+        raise InputError("* stands alone: give nothing beside it, or name scopes without it", code="scope_unknown")
     known = {scope.value for scope in ApiScope}
     unknown = sorted(set(names) - known)
     if unknown or not names:

@@ -5,13 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
+from services.cli.caches import drape_cache
 from services.cli.options import JSON, SEED_FIXED
 from services.cli.outputs import check_file, check_folder, make_folder
+from services.names import split_names
 from simcore.errors import InputError
+
+if TYPE_CHECKING:
+    from diagnosis.blind.answers import Answer
 
 
 def register(app: typer.Typer) -> None:
@@ -48,17 +54,8 @@ def make(
     """
     from diagnosis.blind.make import BlindPlan, case_maker, make_blind_check
 
-    left_out = tuple(name.strip() for text in withhold for name in text.split(",") if name.strip())
-    plan = BlindPlan(
-        cases,
-        seed,
-        fabrics,
-        repeats,
-        pool,
-        resolution,
-        left_out,
-        tuple(name.strip() for name in scenes.split(",") if name.strip()),
-    )
+    left_out = split_names(",".join(withhold))
+    plan = BlindPlan(cases, seed, fabrics, repeats, pool, resolution, left_out, split_names(scenes))
     plan.check()
     if out.exists() and not out.is_dir():
         raise InputError(f"{out} is a file: give a folder", code="output_is_file")
@@ -101,35 +98,18 @@ def score(
     Example:
       drapemeter blind score check/ --page check.md
     """
-    from diagnosis.blind.make import case_maker, plan_of
+    from diagnosis.blind.answers import REPORTS_FOLDER, read_manifest
     from diagnosis.blind.page import render_page
-    from diagnosis.blind.score import EXAMPLES_FOLDER, REPORTS_FOLDER, answer_cases, classify, read_manifest
     from diagnosis.blind.score import score as count
-    from diagnosis.effects import catalogue
     from renderer.atomic import write_atomically
-    from services.cli.diagnose import default_cache
 
     if workers < 1:
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
     manifest = read_manifest(out)
-    if train is not None and not any((train / EXAMPLES_FOLDER).glob("*.npz")):
-        raise InputError(f"{train}: nothing to train on: run `drapemeter blind score` there first", code="blind_train")
-    if page is not None:
-        check_file(page)
-    check_folder(out, "give a folder that can be written to")
-    cache = default_cache()
-    with console.progress("diagnosing", total=manifest["cases"]) as bar:
-        answers = answer_cases(
-            out,
-            cache=cache,
-            workers=workers,
-            seconds=60.0 * minutes or math.inf,
-            make=case_maker(out, plan_of(manifest)) if make_missing else None,
-            on_case=bar.advance,
-        )
+    _check_places(out, page, train)
+    answers = _answers(out, manifest, workers, 60.0 * minutes or math.inf, make_missing)
     if train is not None:
-        effects = [name for name in catalogue() if name not in manifest["withhold"]]
-        answers = classify(out, train, answers, effects)
+        answers = _classified(out, manifest, answers, train)
     result = count(answers)
     _tell_left_out(out / REPORTS_FOLDER)
     if page is not None:
@@ -140,6 +120,47 @@ def score(
         console.emit_json({**values, "cases": len(answers)})
         return
     console.say(f"named right {result.top1}; stage {result.stage}; alarms without cause {result.false_alarms}")
+
+
+def _check_places(out: Path, page: Path | None, train: Path | None) -> None:
+    """Refuse what could not be read or written after the diagnoses.
+
+    Raises:
+        InputError: nothing to train on, or a place that cannot be written to.
+    """
+    from diagnosis.blind.answers import EXAMPLES_FOLDER
+
+    if train is not None and not any((train / EXAMPLES_FOLDER).glob("*.npz")):
+        raise InputError(f"{train}: nothing to train on: run `drapemeter blind score` there first", code="blind_train")
+    if page is not None:
+        check_file(page)
+    check_folder(out, "give a folder that can be written to")
+
+
+def _answers(out: Path, manifest: dict[str, Any], workers: int, seconds: float, make_missing: bool) -> list[Answer]:
+    """Answers to all cases that are there, or that are made within the time, under a progress bar."""
+    from diagnosis.blind.answers import answer_cases
+    from diagnosis.blind.make import case_maker, plan_of
+
+    cache = drape_cache()
+    with console.progress("diagnosing", total=manifest["cases"]) as bar:
+        return answer_cases(
+            out,
+            cache=cache,
+            workers=workers,
+            seconds=seconds,
+            make=case_maker(out, plan_of(manifest)) if make_missing else None,
+            on_case=bar.advance,
+        )
+
+
+def _classified(out: Path, manifest: dict[str, Any], answers: list[Answer], train: Path) -> list[Answer]:
+    """The answers with those of a plain classifier that another check taught."""
+    from diagnosis.blind.answers import classify
+    from diagnosis.effects import catalogue
+
+    effects = [name for name in catalogue() if name not in manifest["withhold"]]
+    return classify(out, train, answers, effects)
 
 
 def _tell_left_out(reports: Path) -> None:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON, SEED_FIXED, SEED_UNUSED
 from services.cli.outputs import check_folder, make_folder
+from services.plain_json import to_plain
 
 if TYPE_CHECKING:
     from capture.addition import NewCapture
@@ -112,7 +113,7 @@ def register_set(
             draw_registration(prepared, out / f"{number:03d}-{file_name(prepared.capture.id)}.png")
             reports.append(report_capture(prepared))
             bar.advance()
-    poses = {"captures": console.to_plain(reports)}
+    poses = {"captures": to_plain(reports)}
     write_atomically(out / "poses.json", (json.dumps(poses, indent=1) + "\n").encode())
     if json_output:
         console.emit_json({"out": out, **poses})

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-import threading
-import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from services.cli import console
+from services import console
+from services.cli.dataset_run import Placement, say_cost, sweep
 from services.cli.options import JSON, SEED_UNUSED
 from services.dataset.solver_kind import SolverKind
-from simcore.errors import InputError, StoreError
+from services.names import split_names
+from simcore.errors import InputError
 
 if TYPE_CHECKING:
     from services.dataset.configuration import SweepConfiguration
-    from services.dataset.cost import CostEstimate
-    from services.dataset.fabrics import FabricTable
-    from services.dataset.worker import SimulationDone
-
-NOTE_S = 60.0
-"""Seconds between two lines of progress where there is no terminal."""
 
 STORE_ARGUMENT = typer.Argument(help="Local folder, s3://bucket/prefix or any URL that obstore takes.")
 
@@ -93,7 +83,7 @@ def dataset(
         fabrics=fabrics,
         materials=materials,
         jitters=jitters,
-        scenes=tuple(name.strip() for name in scenes.split(",") if name.strip()),
+        scenes=split_names(scenes),
         inclinations=inclinations,
         resolution_m=resolution,
         seed=seed,
@@ -158,108 +148,6 @@ def parse_ranges(texts: list[str]) -> dict[str, tuple[float, float]]:
                 f"--range {text!r}: write NAME=LOW:HIGH, for example density=0.1:0.3", code="range_form"
             ) from None
     return ranges
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Where and on how many processes a sweep runs; no bit of the store depends on it."""
-
-    address: str | None
-    workers: int | None
-    recycle_after: int
-
-
-def say_cost(configuration: SweepConfiguration, workers: int | None, json_output: bool) -> None:
-    """Print what a sweep would cost."""
-    from services.dataset.cost import estimate_cost
-
-    cost = estimate_cost(configuration, workers or os.cpu_count() or 1)
-    if json_output:
-        console.emit_json(cost)
-    else:
-        console.say(describe_cost(cost))
-
-
-def describe_cost(cost: CostEstimate) -> str:
-    """One line for people."""
-    return (
-        f"{cost.simulations} simulations, {cost.pictures} pictures: about {cost.core_hours:.2g} core hours, "
-        f"{cost.hours:.2g} h on {cost.workers} workers, {cost.gigabytes:.2g} GB{f' ({cost.note})' if cost.note else ''}"
-    )
-
-
-class Watch:
-    """Follows a sweep: a bar on a terminal, elsewhere (a cluster's log) a line a minute.
-
-    Args:
-        bar: the bar, a no-op where there is no terminal.
-    """
-
-    def __init__(self, bar: console.ProgressBar) -> None:
-        self._bar = bar
-        self._total = self._done = self._failed = 0
-        self._first = self._noted = 0.0
-
-    def begin(self, cost: CostEstimate) -> None:
-        """The sweep starts."""
-        if (
-            threading.current_thread() is threading.main_thread()
-        ):  # a scheduler ends a job so; Ray has set its own by now
-            signal.signal(signal.SIGTERM, signal.default_int_handler)
-        console.note(describe_cost(cost))
-        self._bar.update(total=cost.simulations)
-        self._total, self._noted = cost.simulations, time.monotonic()
-
-    def hear(self, word: SimulationDone) -> None:
-        """A simulation is done."""
-        now = time.monotonic()
-        self._first = self._first or now
-        self._done += 1
-        self._failed += word.status.label != "ok"
-        self._bar.advance()
-        if now - self._noted >= NOTE_S and not sys.stderr.isatty():
-            self._noted = now
-            left = (now - self._first) / self._done * (self._total - self._done)
-            console.note(f"{self._done} of {self._total} simulations, {self._failed} failed, {left / 60:.0f} min to go")
-
-
-def sweep(
-    out: str,
-    configuration: SweepConfiguration,
-    table: FabricTable,
-    placement: Placement,
-    *,
-    resume: bool,
-    json_output: bool,
-) -> None:
-    """Run the sweep under a progress bar and print its summary."""
-    from services.dataset.sweep import run_sweep
-
-    with console.progress("simulations", total=configuration.layout.simulations) as bar:
-        watch = Watch(bar)
-        try:
-            summary = run_sweep(
-                out,
-                configuration,
-                table,
-                resume=resume,
-                address=placement.address,
-                workers=placement.workers,
-                recycle_after=placement.recycle_after,
-                listen=watch.hear,
-                begin=watch.begin,
-            )
-        except KeyboardInterrupt:
-            console.note(f"{out}: what is done is kept; the same command with --resume goes on")
-            raise
-        except StoreError as error:
-            raise StoreError(f"{error}; what is done is kept, --resume does the rest", code=error.code) from error
-    if json_output:
-        console.emit_json(summary)
-        return
-    failed = sum(summary.failed.values())
-    reasons = ", ".join(f"{name} {count}" for name, count in summary.failed.items())
-    console.say(f"{summary.samples} samples in {out}, {failed} failed{f' ({reasons})' if failed else ''}")
 
 
 def inspect(

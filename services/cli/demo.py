@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON
 from simcore.errors import InputError
 

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
+from services.cli.caches import drape_cache
 from services.cli.options import JSON, SEED_FIXED
 from services.cli.outputs import check_file, check_folder, make_folder
+from services.names import split_names
+from services.plain_json import to_plain
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -82,15 +85,15 @@ def diagnose(
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
     _check_modes(isolability, build_atlas, apply, address)
     check_resolution(resolution)
-    tried = _names(effects)
+    tried = split_names(effects)
     if effects and not tried:
         raise InputError(f"--effects {effects!r} names none: give names, or leave it away", code="no_effects")
-    options = DiagnosisOptions(tried, _names(without), resolution, workers, afresh, lpips)
+    options = DiagnosisOptions(tried, split_names(without), resolution, workers, afresh, lpips)
     options.chosen()
     captures = CaptureSet.load(capture_set, read_pictures=not (isolability or build_atlas))
     if atlas is not None:
         check_folder(atlas, "give --atlas another folder")
-    cache = default_cache() if atlas is None else open_atlas(atlas)
+    cache = drape_cache() if atlas is None else open_atlas(atlas)
     if build_atlas:
         _build(captures, options, cache, address, json_output)
     elif isolability:
@@ -143,20 +146,6 @@ def _check_modes(isolability: bool, build_atlas: bool, apply: bool, address: str
         raise InputError("--apply writes what a diagnosis found: leave it out here", code="options_exclude")
 
 
-def default_cache() -> DrapeCache:
-    """The user's cache of drapes.
-
-    Raises:
-        InputError: its folder cannot be used.
-    """
-    from diagnosis.simulation.drape_cache import DrapeCache
-
-    cache = DrapeCache.default()
-    if cache.folder is not None:
-        check_folder(cache.folder, "set DRAPEMETER_CACHE to another folder, or to nothing at all to keep no drapes")
-    return cache
-
-
 def _diagnose(
     captures: CaptureSet, options: DiagnosisOptions, cache: DrapeCache, out: Path, apply: bool, json_output: bool
 ) -> None:
@@ -173,7 +162,7 @@ def _diagnose(
     page = render_html(found, captures.document.name or captures.folder.resolve().name)
     write_atomically(out / PAGE, page.encode())
     document = found.report.as_json()
-    write_atomically(out / REPORT, (json.dumps(console.to_plain(document), indent=1, allow_nan=False) + "\n").encode())
+    write_atomically(out / REPORT, (json.dumps(to_plain(document), indent=1, allow_nan=False) + "\n").encode())
     if apply:
         made = SimulatorExtension.of(found.report, _pin_radius(captures, found))
         made.save(out / SIMULATOR)
@@ -301,7 +290,3 @@ def _isolability_json(found: Isolability) -> dict[str, Any]:
 
 def _shown(captures: CaptureSet) -> int:
     return len({capture.fabric.id for capture in captures.captures})
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON
 
 
@@ -36,7 +36,8 @@ def distance(
       drapemeter distance denim.json silk.json --simulations 5 --json
       drapemeter distance denim.json silk.json --backend depth
     """
-    from services.cli.metric_options import caches, check_resolution, unit_text
+    from services.cli.caches import metric_caches
+    from services.cli.metric_options import check_resolution, unit_text
     from services.cli.plates import note_raised_bias
     from simcore.parameters import FabricParameters
 
@@ -49,10 +50,10 @@ def distance(
 
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     metric = get_backend(backend)
-    renders, features = caches(cache)
+    kept = metric_caches(cache)
     with console.progress("simulating", 4 * simulations) as bar:
         found = compare_fabrics(
-            fabric_a, fabric_b, metric, plan, renders=renders, features=features, on_done=bar.advance
+            fabric_a, fabric_b, metric, plan, renders=kept.renders, features=kept.features, on_done=bar.advance
         )
     result = found.result
     for retry in found.retries:

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON, SEED_FIXED
+from services.estimates import estimate_fields
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, UNITS
 
 if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
-    from capture.normalise import NetworkInput
-    from simcore.scenes import Scene
     from trainer.predict import Estimate
 
 
@@ -41,6 +40,7 @@ def estimate(
       drapemeter estimate my-captures --density 0.2 --json
     """
     from capture.capture_set import CaptureSet
+    from capture.prepare import inputs_by_fabric, prepare_all
     from trainer.predict import Estimator, check_density
 
     if density is not None:
@@ -48,7 +48,7 @@ def estimate(
     captures = CaptureSet.load(capture_set)
     densities = fabric_densities(captures, density)
     estimator = Estimator.load(model)
-    inputs = inputs_by_fabric(captures)
+    inputs = inputs_by_fabric(prepare_all(captures.captures))
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():
@@ -94,33 +94,13 @@ def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, f
     return densities
 
 
-def inputs_by_fabric(captures: CaptureSet) -> dict[str, dict[Scene | str, list[NetworkInput]]]:
-    """What the network sees of each fabric, by scene; poses are found from the captures of the whole set together.
-
-    Raises:
-        InputError: a capture that cannot be used.
-    """
-    from capture.prepare import prepare_all
-
-    found: dict[str, dict[Scene | str, list[NetworkInput]]] = {}
-    for prepared in prepare_all(captures.captures):
-        own = found.setdefault(prepared.capture.fabric.id, {})
-        own.setdefault(prepared.capture.scene, []).append(prepared.network_input)
-    return found
-
-
 def as_document(fabric_id: str, density: float, found: Estimate) -> dict[str, Any]:
     """One fabric's entry of the JSON document."""
     return {
         "id": fabric_id,
         "density": density,
-        "parameters": found.parameters,
-        "intervals_90": found.intervals_90,
-        "intervals_calibrated": found.intervals_calibrated,
-        "out_of_distribution": found.out_of_distribution,
+        **estimate_fields(found),
         "out_of_distribution_score": round(found.out_of_distribution_score, 4),
-        "out_of_distribution_reasons": list(found.reasons),
-        "scenes": list(found.scenes),
     }
 
 

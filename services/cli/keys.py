@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON, SEED_FIXED, SEED_UNUSED
 
 if TYPE_CHECKING:

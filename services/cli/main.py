@@ -18,7 +18,7 @@ import typer
 from typer.main import get_command
 
 from renderer.atomic import NO_ROOM
-from services.cli import console
+from services import console
 from simcore.errors import DrapemeterError, InputError
 
 # Name: one line for `drapemeter --help`. The module of that name in this package offers `register(app)`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from services.cli import console
+from services import console
 from simcore.bending import PlateRigidity
 from simcore.parameters import FabricParameters
 

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
+    from metric.backends import Backend
     from metric.library import LibraryFabric
     from metric.search import RankedFabric, SearchResult
+    from metric.simulate import SimulationPlan
     from simcore.parameters import FabricParameters
 
 
@@ -51,7 +52,6 @@ def rank(
     """
     from metric.library import load_library
     from services.cli.metric_options import check_resolution
-    from services.cli.outputs import check_figure, make_folder
     from services.cli.plates import note_raised_bias
     from simcore.parameters import FabricParameters
 
@@ -62,30 +62,13 @@ def rank(
         raise InputError(f"--top must not be negative, got {top}: give 0 for all", code="top_out_of_range")
     note_raised_bias([(str(reference), fabric), *((entry.id, entry.parameters) for entry in entries)])
     from metric.backends import check_backend, get_backend
-    from metric.search import search_library
     from metric.simulate import SimulationPlan
-    from services.cli.metric_options import caches, descriptor_store
 
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     check_backend(backend)
-    if figure is not None:
-        check_figure(figure)
-    if thumbnails is not None:
-        make_folder(thumbnails, "name a folder that can be written to")
+    _check_outputs(figure, thumbnails)
     metric = get_backend(backend)
-    renders, features = caches(cache)
-    with console.progress("simulating", 2 * simulations * (1 + len(entries))) as bar:
-        found = search_library(
-            fabric,
-            entries,
-            metric,
-            plan,
-            renders=renders,
-            features=features,
-            descriptors=descriptor_store(cache),
-            exact=exact,
-            on_done=bar.advance,
-        )
+    found = _search(fabric, entries, metric, plan, keep=cache, exact=exact)
     ranking = found.ranking[:top] if top else found.ranking
     for lost in found.failed:
         console.note(f"{lost.id} has no place: {lost.reason}")
@@ -98,6 +81,48 @@ def rank(
         console.emit_json({"ranking": rows, **settings, "resolution": resolution, "failed": found.failed})
         return
     _print(ranking, metric.unit)
+
+
+def _check_outputs(figure: Path | None, thumbnails: Path | None) -> None:
+    """Refuse places that could not be written to later, and make the folders.
+
+    Raises:
+        InputError: one of them cannot be used.
+    """
+    from services.cli.outputs import check_figure, make_folder
+
+    if figure is not None:
+        check_figure(figure)
+    if thumbnails is not None:
+        make_folder(thumbnails, "name a folder that can be written to")
+
+
+def _search(
+    reference: FabricParameters,
+    library: list[LibraryFabric],
+    backend: Backend,
+    plan: SimulationPlan,
+    *,
+    keep: bool,
+    exact: bool | None,
+) -> SearchResult:
+    """Search under a progress bar, with the user's caches unless nothing is to be kept."""
+    from metric.search import search_library
+    from services.cli.caches import metric_caches
+
+    kept = metric_caches(keep)
+    with console.progress("simulating", 2 * plan.simulations * (1 + len(library))) as bar:
+        return search_library(
+            reference,
+            library,
+            backend,
+            plan,
+            renders=kept.renders,
+            features=kept.features,
+            descriptors=kept.descriptors,
+            exact=exact,
+            on_done=bar.advance,
+        )
 
 
 def _row(entry: RankedFabric, files: dict[str, str] | None) -> dict[str, Any]:
@@ -115,18 +140,14 @@ def _print(ranking: list[RankedFabric], unit: str) -> None:
 
 def _write_thumbnails(ranking: list[RankedFabric], folder: Path) -> dict[str, dict[str, str]]:
     """One PNG a fabric and scene; id to scene to path."""
-    from PIL import Image
-
-    from renderer.atomic import write_atomically
+    from renderer.picture import write_png
 
     found: dict[str, dict[str, str]] = {}
     for place, entry in enumerate(ranking, start=1):
         found[entry.id] = {}
         for scene, picture in entry.pictures.items():
             path = folder / f"{place:03d}-{scene}.png"
-            content = io.BytesIO()
-            Image.fromarray(picture).save(content, format="PNG")
-            write_atomically(path, content.getvalue())
+            write_png(path, picture)
             found[entry.id][scene.value] = str(path)
     return found
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import SEED_FIXED
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON
 from simcore.errors import InputError
 

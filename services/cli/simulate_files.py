@@ -16,6 +16,7 @@ from capture.sources import DepthSource
 from diagnosis.scene import SimulationScene
 from renderer.camera import Camera
 from services.cli.outputs import check_folder
+from services.random_streams import SENSOR_STREAM
 from simcore.drape import Drape
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 SIMULATED_CV = 0.01
 """Relative uncertainty that a simulated capture set states of its fabrics' parameters: they are known."""
-SENSOR_STREAM = 1
-"""Spawn key of the sensor's noise; the solver's jitter uses the seed itself."""
 
 
 class OnePicture(DepthSource):

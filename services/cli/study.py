@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON, SEED_FIXED, SEED_UNUSED
 from services.cli.study_analyse import analyse
 from services.cli.study_compare import compare
 from services.cli.study_options import DATABASE, STUDY, open_database, open_study
+from services.plain_json import to_plain
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -210,7 +211,7 @@ def export(
     check_file(out)
     with open_study(database, study) as store:
         rows: list[dict[str, Any]] = [
-            {**console.to_plain({**vars(row), "answered_at": row.answered_at.isoformat()})} for row in store.export()
+            {**to_plain({**vars(row), "answered_at": row.answered_at.isoformat()})} for row in store.export()
         ]
     make_folder(out.absolute().parent, "name a place that can be written to")
     stream = io.StringIO(newline="")
@@ -247,7 +248,7 @@ def _shown(
         raise InputError("give LIBRARY.json, --photographs, or both", code="study_empty")
     check_plan(len(known), triplets)
     from metric.simulate import SimulationPlan
-    from services.cli.metric_options import caches
+    from services.cli.caches import metric_caches
 
     settings = SimulationPlan(
         simulations=plan["simulations"], resolution_m=plan["resolution"], seed=plan["seed"], workers=plan["workers"]
@@ -255,6 +256,6 @@ def _shown(
 
     def rendered() -> list[StudyEntry]:
         with console.progress("simulating", 2 * settings.simulations * len(known)) as bar:
-            return entries_from_library(known, settings, renders=caches(True)[0], on_done=bar.advance)
+            return entries_from_library(known, settings, renders=metric_caches(True).renders, on_done=bar.advance)
 
     return rendered

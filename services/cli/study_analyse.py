@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON
 from services.cli.study_options import DATABASE, STUDY, open_study
+from services.names import split_names
+from services.plain_json import to_plain
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -49,37 +52,45 @@ def analyse(
     Example:
       drapemeter study analyse study_1f2e --backends lpips,depth --out analysis/
     """
-    from metric.agreement import agreement, metric_agreement
     from metric.simulate import SimulationPlan
-    from metric.tste import answer_array, embed
     from services.cli.metric_options import check_resolution
-    from services.cli.outputs import check_folder, make_folder
+    from services.cli.outputs import check_folder
 
     check_resolution(resolution)
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     if out is not None:
         check_folder(out, "name a folder that can be written to")
-    names = [name.strip() for name in backends.split(",") if name.strip()]
     with open_study(database, study) as store:
         answers = store.answers(simulated=simulated)
         if not answers:
             who = "simulated observers" if simulated else "people"
             raise InputError(f"study {study} has no answers of {who} yet", code="answers_missing")
-        count = len(store.fabrics)
-        found = embed(answer_array(answers), count, seed=seed)
-        matrices = _matrices(store, names, plan)
-        scores = metric_agreement(matrices, answers, count, bootstrap=bootstrap, seed=seed) if matrices else {}
-        agreed = agreement(answers)
+        said = _evaluate(store, answers, split_names(backends), plan, bootstrap)
+        document = {"study": study, "observers": "simulated" if simulated else "people", **said}
         _note_few(store, answers)
         if out is not None:
-            make_folder(out, "name a folder that can be written to")
-            _draw(out / "embedding.png", store, found.points, simulated)
-    document: dict[str, Any] = {
-        "study": study,
-        "observers": "simulated" if simulated else "people",
+            _write(out, store, document, simulated)
+    if json_output:
+        console.emit_json(document)
+    else:
+        _print(document)
+
+
+def _evaluate(
+    store: StudyStore, answers: Sequence[Answer], backends: Sequence[str], plan: SimulationPlan, bootstrap: int
+) -> dict[str, Any]:
+    """What the answers say, for the document."""
+    from metric.agreement import agreement, metric_agreement
+    from metric.tste import answer_array, embed
+
+    count = len(store.fabrics)
+    found = embed(answer_array(answers), count, seed=plan.seed)
+    matrices = _matrices(store, backends, plan)
+    scores = metric_agreement(matrices, answers, count, bootstrap=bootstrap, seed=plan.seed) if matrices else {}
+    return {
         "participants": len({a.participant for a in answers}),
         "answers": len(answers),
-        "agreement": agreed,
+        "agreement": agreement(answers),
         "embedding": {
             "fabrics": [f.name for f in store.fabrics],
             "points": found.points,
@@ -87,25 +98,15 @@ def analyse(
         },
         "metrics": scores,
     }
-    if out is not None:
-        import json
-
-        from renderer.atomic import write_atomically
-
-        write_atomically(out / "analysis.json", json.dumps(console.to_plain(document), indent=1).encode())
-    if json_output:
-        console.emit_json(document)
-    else:
-        _print(document)
 
 
-def _matrices(store: StudyStore, names: list[str], plan: SimulationPlan) -> dict[str, NDArray[np.float64]]:
+def _matrices(store: StudyStore, names: Sequence[str], plan: SimulationPlan) -> dict[str, NDArray[np.float64]]:
     """Distance matrices by every metric, or none where parameters are unknown."""
     from metric.backends import check_backend, get_backend
     from metric.matrix import pair_tables
     from metric.parameter_distance import ParameterDistance
     from metric.simulate import samples_apart, simulate_fabrics
-    from services.cli.metric_options import caches
+    from services.cli.caches import metric_caches
     from simcore.parameters import FabricParameters
 
     for name in names:
@@ -119,12 +120,12 @@ def _matrices(store: StudyStore, names: list[str], plan: SimulationPlan) -> dict
     found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
     if not chosen:
         return found
-    renders, features = caches(True)
+    caches = metric_caches(True)
     with console.progress("simulating", 2 * plan.simulations * len(fabrics)) as bar:
         firsts = samples_apart(fabrics, plan)
-        simulated = simulate_fabrics(fabrics, plan, first_repeats=firsts, cache=renders, on_done=bar.advance)
+        simulated = simulate_fabrics(fabrics, plan, first_repeats=firsts, cache=caches.renders, on_done=bar.advance)
     for backend in chosen:
-        tables = pair_tables([s.scenes for s in simulated], backend, cache=features)
+        tables = pair_tables([s.scenes for s in simulated], backend, cache=caches.features)
         found[backend.name] = tables.distances()
     return found
 
@@ -139,6 +140,15 @@ def _note_few(store: StudyStore, answers: Sequence[Answer]) -> None:
     needed = math.ceil(EMBEDDED * count * math.log2(count))
     if len(answers) < needed:
         console.note(f"{len(answers)} answers place {count} fabrics poorly ({needed} are a beginning): ask more people")
+
+
+def _write(out: Path, store: StudyStore, document: dict[str, Any], simulated: bool) -> None:
+    from renderer.atomic import write_atomically
+    from services.cli.outputs import make_folder
+
+    make_folder(out, "name a folder that can be written to")
+    _draw(out / "embedding.png", store, document["embedding"]["points"], simulated)
+    write_atomically(out / "analysis.json", json.dumps(to_plain(document), indent=1).encode())
 
 
 def _draw(path: Path, store: StudyStore, points: NDArray[np.float64], simulated: bool) -> None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON
+from services.names import split_names
+from services.plain_json import to_plain
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
     from metric.backends import Backend
     from metric.comparison import BackendScore
     from metric.parameter_distance import ParameterDistance
-    from metric.simulate import FabricRenders
+    from metric.simulate import FabricRenders, SimulationPlan
     from simcore.parameters import FabricParameters
 
 EVERY = "lpips,ssim,ms-ssim,psnr,depth,silhouette,normals,trunk"
@@ -44,8 +47,8 @@ def compare(
       drapemeter study compare --fabrics 30 --simulations 5 --out comparison/
     """
     from metric.orderings import default_sweeps
-    from metric.simulate import SimulationPlan, simulate_fabrics
-    from services.cli.metric_options import caches, check_resolution
+    from metric.simulate import SimulationPlan
+    from services.cli.metric_options import check_resolution
     from services.cli.outputs import check_folder, make_folder
     from simcore.prior import FabricPrior
 
@@ -53,24 +56,19 @@ def compare(
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     if simulations < 2:
         raise InputError("the comparison needs at least 2 simulations of each fabric", code="simulations_out_of_range")
-    chosen = [_backend(name.strip(), model) for name in backends.split(",") if name.strip()]
+    chosen = [_backend(name, model) for name in split_names(backends)]
     if not chosen:
         raise InputError("--backends names none: give at least one image distance", code="backends_missing")
     if out is not None:
         check_folder(out, "name a folder that can be written to")
-    sweeps = default_sweeps(steps)
+    sweeps = {sweep.name: sweep.fabrics for sweep in default_sweeps(steps)}
     drawn = FabricPrior.default().sample(range(fabrics), seed)
-    everything = [*drawn, *(f for sweep in sweeps for f in sweep.fabrics)]
-    renders, _ = caches(True)
-    with console.progress("simulating", 2 * simulations * len(everything)) as bar:
-        simulated = simulate_fabrics(everything, plan, cache=renders, keep_failures=True, on_done=bar.advance)
+    simulated = _simulate([*drawn, *chain.from_iterable(sweeps.values())], plan)
     left_out = [{"fabric": k, "reason": s.failure} for k, s in enumerate(simulated) if s.failure]
     for lost in left_out:
         console.note(f"fabric {lost['fabric']} is left out: {lost['reason']}")
-    swept = {
-        s.name: [f for f in simulated[fabrics + k * steps : fabrics + (k + 1) * steps] if not f.failure]
-        for k, s in enumerate(sweeps)
-    }
+    rest = iter(simulated[fabrics:])
+    swept = {name: [f for f in islice(rest, len(own)) if not f.failure] for name, own in sweeps.items()}
     scores = _scores(chosen, [f for f in simulated[:fabrics] if not f.failure], swept, seed)
     document = {
         "fabrics": fabrics,
@@ -80,7 +78,7 @@ def compare(
         "simulated_again": sum(len(s.retries) for s in simulated),
         "left_out": left_out,
         "scores": [_row(score) for score in scores],
-        "parameters": _parameter_rows(drawn, {s.name: s.fabrics for s in sweeps}),
+        "parameters": _parameter_rows(drawn, sweeps),
     }
     if out is not None:
         make_folder(out, "name a folder that can be written to")
@@ -89,6 +87,16 @@ def compare(
         console.emit_json(document)
     else:
         _print(document)
+
+
+def _simulate(fabrics: Sequence[FabricParameters], plan: SimulationPlan) -> list[FabricRenders]:
+    """Every fabric in turn; one that does not come to rest stays in its place, with the reason."""
+    from metric.simulate import simulate_fabrics
+    from services.cli.caches import metric_caches
+
+    renders = metric_caches(True).renders
+    with console.progress("simulating", 2 * plan.simulations * len(fabrics)) as bar:
+        return simulate_fabrics(fabrics, plan, cache=renders, keep_failures=True, on_done=bar.advance)
 
 
 def _backend(name: str, model: Path | None) -> Backend:
@@ -143,7 +151,7 @@ def _write(out: Path, document: dict[str, Any], scores: Sequence[BackendScore]) 
     from metric.figures import share_figure
     from renderer.atomic import write_atomically
 
-    write_atomically(out / "comparison.json", json.dumps(console.to_plain(document), indent=1).encode())
+    write_atomically(out / "comparison.json", json.dumps(to_plain(document), indent=1).encode())
     share_figure(out / "shares.png", {score.name: score.by_simulations for score in scores})
 
 

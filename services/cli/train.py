@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from services.cli import console
+from services import console
 from services.cli.options import JSON
 from services.cli.outputs import check_folder
 from simcore.errors import InputError

@@ -116,7 +116,8 @@ def _listed(path: Path, most: int | None) -> NDArray[np.float64]:
     if len(unstable):
         raise InputError(
             f"{path}, fabric {unstable[0] + 1}: no plate has these bendings; "
-            "4 bending_bias must be at least (sqrt(bending_warp) - sqrt(bending_weft))^2",
+            "4 bending_bias must be at least (sqrt(bending_warp) - sqrt(bending_weft))^2 "
+            "+ 0.04 sqrt(bending_warp bending_weft)",
             code="bending_inadmissible",
         )
     return values

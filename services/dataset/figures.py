@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from renderer.atomic import write_atomically
+from renderer.picture import write_png
 from renderer.store import RowStatus, Store
 from simcore.errors import InputError
 from simcore.parameters import PARAMETER_NAMES
@@ -41,8 +42,6 @@ def write_figures(store: Store, folder: Path) -> list[Path]:
 
 def write_contact_sheet(store: Store, path: Path) -> None:
     """Up to 48 usable pictures, evenly over the store, light where the cloth is near; PNG."""
-    from PIL import Image
-
     usable = np.flatnonzero(store.ok)
     upright = usable[np.abs(store.inclination_deg[usable]) == np.abs(store.inclination_deg[usable]).min()]
     count = min(len(upright), CONTACT_COLUMNS * CONTACT_ROWS)
@@ -54,9 +53,7 @@ def write_contact_sheet(store: Store, path: Path) -> None:
         row, column = divmod(place, columns)
         tile = relief(store.depth(int(sample)))[: 2 * height : 2, : 2 * width : 2]
         sheet[row * height : (row + 1) * height, column * width : (column + 1) * width] = tile
-    content = io.BytesIO()
-    Image.fromarray(sheet).save(content, format="PNG")
-    write_atomically(path, content.getvalue())
+    write_png(path, sheet)
 
 
 def relief(depth: NDArray[np.float32]) -> NDArray[np.uint8]:

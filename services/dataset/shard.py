@@ -16,6 +16,7 @@ from renderer.store import RowStatus, ShardRows
 from renderer.store_format import DEPTH_UNIT_M, SCENE_CODES
 from services.dataset.configuration import SweepConfiguration, simulation_seed
 from services.dataset.extension import build_scene
+from services.random_streams import SENSOR_STREAM
 from simcore.batch.request import Request
 from simcore.checks import check_request
 from simcore.drape import Drape, DrapeStatus
@@ -24,9 +25,6 @@ from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 
 if TYPE_CHECKING:
     from services.dataset.solving import DrapeSolver
-
-SENSOR_STREAM = 1
-"""Key of the sensor's random numbers among those of a simulation; the drape draws from the seed itself."""
 
 _STATUS = {
     DrapeStatus.STILL: RowStatus.OK,
@@ -141,7 +139,7 @@ def simulate_and_render(
         return Outcome(status, f"{type(error).__name__}: {error}", None, nothing)
     status = _STATUS[drape.status]
     if status is not RowStatus.OK:
-        if drape.seconds >= configuration.time_limit_s:
+        if status is RowStatus.NOT_STILL and drape.seconds >= configuration.time_limit_s:
             status = RowStatus.TIMED_OUT
         return Outcome(status, drape.reason or drape.status.value, drape, nothing)
     try:

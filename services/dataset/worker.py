@@ -69,8 +69,8 @@ class ShardWorker:
         """Do one shard; yields after each simulation, the last time after the shard is stored, and before it is.
 
         Raises:
-            InputError: no space or no permission.
-            StoreError: the place of the store fails.
+            InputError: no permission.
+            StoreError: the place of the store fails or has no space left.
         """
         solver, writer = self._ready()
         numbers = self._configuration.layout.shard_simulations(task.shard)

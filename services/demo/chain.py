@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from metric.simulate import usable_cores
+from services.dataset.sweep import SweepSummary
 from services.demo import captures, drapes, fabrics, gap, learning
 from services.demo.plan import DemoPlan
 from services.demo.steps import StepClock, prepare_folder
@@ -48,53 +49,13 @@ def run_chain(out: Path, plan: DemoPlan) -> DemoResult:
     """
     prepare_folder(out)
     clock = StepClock(STEPS)
-    with clock.step("simulate and render one fabric in both scenes"):
-        drapes.one_drape(out, plan.fine_m, plan.seed)
-    with clock.step("sweep bending and stretch stiffness", 4 * len(fabrics.BENDING_SWEEP)) as bar:
-        drapes.sweeps(out / "sweep.png", plan.fine_m, plan.seed, bar.advance)
-    with clock.step("make a store of fabrics on Ray", 2 * plan.materials) as bar:
-        summary = learning.make_store(
-            out / "store.zarr",
-            materials=plan.materials,
-            resolution_m=plan.coarse_m,
-            seed=plan.seed,
-            on_done=bar.advance,
-        )
-    with clock.step("train an estimator on it") as bar:
-        model = learning.learn(
-            out / "store.zarr",
-            out / "model",
-            epochs=plan.epochs,
-            seed=plan.seed,
-            on_step=lambda step, total: bar.update(completed=step, total=total),
-        )
-    with clock.step("estimate fabrics that were not in it", 2 * len(fabrics.NAMED)) as bar:
-        captures.simulate_captures(
-            out / "captures",
-            fabrics.NAMED,
-            repeats=1,
-            resolution_m=plan.coarse_m,
-            seed=plan.seed + 1,
-            on_done=bar.advance,
-        )
-        estimates = learning.estimate(out / "model", out / "captures")
-    with clock.step("drape distances", 2 * plan.simulations * len(fabrics.NAMED)) as bar:
-        distances = drapes.distances(out / "distances.png", plan.coarse_m, plan.simulations, plan.seed, bar.advance)
-    with clock.step("diagnose captures taken in a draft", 2 * plan.repeats * len(gap.FABRICS)) as bar:
-        gap.drafty_captures(
-            out / "drafty",
-            repeats=plan.repeats,
-            resolution_m=plan.coarse_m,
-            seed=plan.seed + 2,
-            on_done=bar.advance,
-        )
-        found = gap.explain(
-            out / "drafty",
-            out / "atlas",
-            out / "report",
-            resolution_m=plan.coarse_m,
-            workers=min(usable_cores(), len(gap.FABRICS)),
-        )
+    _one_fabric(out, plan, clock)
+    _sweeps(out, plan, clock)
+    summary = _store(out, plan, clock)
+    model = _training(out, plan, clock)
+    estimates = _estimates(out, plan, clock)
+    distances = _distances(out, plan, clock)
+    found = _diagnosis(out, plan, clock)
     error, error_of_mean = errors(model)
     return DemoResult(
         samples=summary.samples,
@@ -106,6 +67,74 @@ def run_chain(out: Path, plan: DemoPlan) -> DemoResult:
         gap=found,
         seconds=clock.seconds,
     )
+
+
+def _one_fabric(out: Path, plan: DemoPlan, clock: StepClock) -> None:
+    with clock.step("simulate and render one fabric in both scenes"):
+        drapes.one_drape(out, plan.fine_m, plan.seed)
+
+
+def _sweeps(out: Path, plan: DemoPlan, clock: StepClock) -> None:
+    with clock.step("sweep bending and stretch stiffness", 4 * len(fabrics.BENDING_SWEEP)) as bar:
+        drapes.sweeps(out / "sweep.png", plan.fine_m, plan.seed, bar.advance)
+
+
+def _store(out: Path, plan: DemoPlan, clock: StepClock) -> SweepSummary:
+    with clock.step("make a store of fabrics on Ray", 2 * plan.materials) as bar:
+        return learning.make_store(
+            out / "store.zarr",
+            materials=plan.materials,
+            resolution_m=plan.coarse_m,
+            seed=plan.seed,
+            on_done=bar.advance,
+        )
+
+
+def _training(out: Path, plan: DemoPlan, clock: StepClock) -> TrainedModel:
+    with clock.step("train an estimator on it") as bar:
+        return learning.learn(
+            out / "store.zarr",
+            out / "model",
+            epochs=plan.epochs,
+            seed=plan.seed,
+            on_step=lambda step, total: bar.update(completed=step, total=total),
+        )
+
+
+def _estimates(out: Path, plan: DemoPlan, clock: StepClock) -> list[learning.EstimateRow]:
+    with clock.step("estimate fabrics that were not in it", 2 * len(fabrics.NAMED)) as bar:
+        captures.simulate_captures(
+            out / "captures",
+            fabrics.NAMED,
+            repeats=1,
+            resolution_m=plan.coarse_m,
+            seed=plan.seed + 1,
+            on_done=bar.advance,
+        )
+        return learning.estimate(out / "model", out / "captures")
+
+
+def _distances(out: Path, plan: DemoPlan, clock: StepClock) -> drapes.DistanceMatrix:
+    with clock.step("drape distances", 2 * plan.simulations * len(fabrics.NAMED)) as bar:
+        return drapes.distances(out / "distances.png", plan.coarse_m, plan.simulations, plan.seed, bar.advance)
+
+
+def _diagnosis(out: Path, plan: DemoPlan, clock: StepClock) -> gap.GapSummary:
+    with clock.step("diagnose captures taken in a draft", 2 * plan.repeats * len(gap.FABRICS)) as bar:
+        gap.drafty_captures(
+            out / "drafty",
+            repeats=plan.repeats,
+            resolution_m=plan.coarse_m,
+            seed=plan.seed + 2,
+            on_done=bar.advance,
+        )
+        return gap.explain(
+            out / "drafty",
+            out / "atlas",
+            out / "report",
+            resolution_m=plan.coarse_m,
+            workers=min(usable_cores(), len(gap.FABRICS)),
+        )
 
 
 def errors(model: TrainedModel) -> tuple[float, float]:

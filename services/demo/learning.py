@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from capture.capture_set import CaptureSet
-from services.cli.estimate import inputs_by_fabric
+from capture.prepare import inputs_by_fabric, prepare_all
 from services.dataset.fabrics import plan_sweep
 from services.dataset.sweep import SweepSummary, run_sweep
 from services.demo import fabrics
@@ -67,7 +67,7 @@ def estimate(model: Path, captures: Path) -> list[EstimateRow]:
     """Estimate the fabrics of a capture set that :func:`~services.demo.captures.simulate_captures` made."""
     capture_set = CaptureSet.load(captures)
     estimator = Estimator.load(model)
-    inputs = inputs_by_fabric(capture_set)
+    inputs = inputs_by_fabric(prepare_all(capture_set.captures))
     rows = []
     for name in capture_set.fabrics:
         truth = fabrics.NAMED[name].as_dict()

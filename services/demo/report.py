@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from renderer.atomic import write_atomically
-from services.cli import console
+from services import console
 from services.demo.chain import DemoResult
 from services.demo.steps import MARKER
+from services.plain_json import to_plain
 from simcore.parameters import UNITS
 
 
 def as_document(out: Path, result: DemoResult) -> dict[str, Any]:
     """The JSON document."""
     files = sorted(str(path.relative_to(out)) for path in out.iterdir() if path.name != MARKER)
-    return {"out": str(out), "files": files, **console.to_plain(result)}
+    return {"out": str(out), "files": files, **to_plain(result)}
 
 
 def write_document(out: Path, result: DemoResult) -> None:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from services.cli import console
+from services import console
 from simcore.errors import InputError
 
 MARKER = "demo.json"

@@ -8,8 +8,8 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from services.cli.console import to_plain
 from services.jobs.task import Report, Task, TaskOutput
+from services.plain_json import to_plain
 from simcore.errors import InputError
 
 KINDS: dict[str, str] = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import threading
@@ -14,24 +13,16 @@ import numpy as np
 import pytest
 
 from capture.addition import LOCK_FILE, NewCapture
-from capture.capture_set import CAPTURES_FILE, CaptureSet
+from capture.capture_set import CaptureSet
 from capture.record import check_capture, record_capture
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES
 from simcore.scenes import Setup
 from tests.capture.flat import Flat, add
+from tests.capture.set_document import change, document
 
 PARAMETERS = dict.fromkeys(ESTIMATED_NAMES[:3], 500.0) | dict.fromkeys(ESTIMATED_NAMES[3:], 1e-4)
-
-
-def document(folder: Path) -> dict[str, Any]:
-    value: dict[str, Any] = json.loads((folder / CAPTURES_FILE).read_text())
-    return value
-
-
-def change(folder: Path, **keys: Any) -> None:
-    (folder / CAPTURES_FILE).write_text(json.dumps({**document(folder), **keys}))
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,9 @@ from metric import draping
 from metric.backends import get_backend
 from metric.compare import compare_fabrics
 from metric.draping import DrapeRequest, RequestResult, run_request
-from metric.render_cache import RenderCache, default_cache_folder
+from metric.render_cache import RenderCache
 from metric.simulate import SimulationPlan, local_runner, simulate_fabrics
+from renderer.user_cache import default_cache_folder
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import InputError, SimulationError
 from simcore.mesh import GridMesh

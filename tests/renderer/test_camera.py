@@ -59,13 +59,6 @@ def test_rays_have_unit_depth_and_are_cached_read_only() -> None:
         rays[0, 0, 0] = 1.0
 
 
-def test_camera_from_field_of_view() -> None:
-    camera = Camera.from_fov(640, 480, 68.0)
-    border = camera.normalised_from_pixels((639.5, 239.5))
-    assert math.degrees(2 * math.atan(border[0])) == pytest.approx(68.0)
-    assert camera.normalised_from_pixels((319.5, 239.5)) == pytest.approx((0.0, 0.0))
-
-
 def test_scaled_camera_keeps_the_pixel_borders() -> None:
     fine = DISTORTED.scaled(2)
     corner = DISTORTED.normalised_from_pixels((-0.5, -0.5))

@@ -15,6 +15,7 @@ from renderer import filament
 from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose
 from renderer.depth import render_buffers
 from renderer.light import Light, encode_srgb
+from renderer.pose import inclination_pose
 from renderer.shade import ShadedRenderer, shade_lambertian_raycast
 from simcore.errors import DrapemeterError, InputError, MissingResourceError
 from tests.renderer.surfaces import drape_like, height_field
@@ -38,7 +39,7 @@ def pictures(engine: str, supersample: int = 1) -> tuple[NDArray[np.uint8], NDAr
     shaded = ShadedRenderer(CANONICAL_CAMERA, engine=engine, supersample=supersample).render(
         vertices, triangles, uv, POSE, 2.0
     )
-    cloth = render_buffers(vertices, triangles, CANONICAL_CAMERA, POSE, panel=False, inclination_deg=2.0).cloth
+    cloth = render_buffers(vertices, triangles, CANONICAL_CAMERA, POSE @ inclination_pose(2.0), panel=False).cloth
     return shaded, cloth
 
 

@@ -14,7 +14,8 @@ import zarr
 
 from renderer.store import RowStatus, ShardRows, Store, StoreLayout, StoreWriter
 from renderer.store_location import store_errors, store_exists
-from simcore.errors import InputError, StoreError
+from renderer.store_remote import patience_s
+from simcore.errors import DrapemeterError, InputError, StoreError
 
 LAYOUT = StoreLayout(
     materials=3,
@@ -216,18 +217,36 @@ def test_urls_that_would_go_elsewhere_are_refused(url: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("number", "code"),
+    ("number", "kind", "code"),
     [
-        (errno.ENOSPC, "store_no_space"),
-        (errno.EDQUOT, "store_no_space"),
-        (errno.EACCES, "store_not_permitted"),
-        (errno.EROFS, "store_not_permitted"),
+        (errno.ENOSPC, StoreError, "store_no_space"),
+        (errno.EDQUOT, StoreError, "store_no_space"),
+        (errno.EACCES, InputError, "store_not_permitted"),
+        (errno.EROFS, InputError, "store_not_permitted"),
     ],
 )
-def test_full_and_forbidden_places_are_bad_input(number: int, code: str) -> None:
-    with pytest.raises(InputError) as raised, store_errors("here"):
+def test_a_full_place_is_a_failure_and_a_forbidden_one_bad_input(
+    number: int, kind: type[DrapemeterError], code: str
+) -> None:
+    with pytest.raises(kind) as raised, store_errors("here"):
         raise OSError(number, os.strerror(number))
     assert raised.value.code == code
+
+
+@pytest.mark.parametrize(("named", "seconds"), [("3.5", 3.5), ("0", 0.0), ("", 120.0)])
+def test_requests_are_repeated_for_as_long_as_is_said(
+    named: str, seconds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DRAPEMETER_STORE_RETRY_S", named)
+    assert patience_s() == seconds
+
+
+@pytest.mark.parametrize("named", ["abc", "-1", "nan", "inf", "1e12"])
+def test_a_patience_that_is_none_is_refused(named: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DRAPEMETER_STORE_RETRY_S", named)
+    with pytest.raises(InputError, match=f"DRAPEMETER_STORE_RETRY_S is '{named}': give the seconds") as raised:
+        store_exists("s3://bucket/s.zarr")
+    assert raised.value.code == "setting_invalid"
 
 
 def test_a_disk_that_fails_is_the_stores_fault() -> None:

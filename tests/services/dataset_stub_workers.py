@@ -12,7 +12,7 @@ from renderer.store import RowStatus
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.shard import ShardTask
 from services.dataset.worker import ShardSolved, SimulationDone
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 
 
 class ObedientWorker:
@@ -123,7 +123,7 @@ class FullDiskWorker(ObedientWorker):
     def simulate(self, number: int) -> None:
         """Fail or go on."""
         if number == 6:
-            raise InputError("store: no space is left", code="store_no_space")
+            raise StoreError("store: no space is left", code="store_no_space")
 
 
 class FaultyWorker(ObedientWorker):

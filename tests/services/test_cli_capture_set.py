@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from services.cli import main
 from services.cli.simulate import build_scene
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
+from tests.capture.set_document import change, document
 from tests.services.test_cli_simulate import FABRIC, command, expect_one_line, parameters
 
 __all__ = ["parameters"]
@@ -41,15 +41,6 @@ def unsolvable(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         raise AssertionError("the drape was simulated")
 
     monkeypatch.setattr("simcore.solver.Solver", solver)
-
-
-def document(folder: Path) -> dict[str, Any]:
-    value: dict[str, Any] = json.loads((folder / CAPTURES_FILE).read_text())
-    return value
-
-
-def change(folder: Path, **keys: Any) -> None:
-    (folder / CAPTURES_FILE).write_text(json.dumps({**document(folder), **keys}))
 
 
 def test_a_new_set_says_that_its_sensor_is_ideal(parameters: Path, tmp_path: Path) -> None:

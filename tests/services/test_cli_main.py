@@ -12,7 +12,8 @@ from collections.abc import Callable
 import pytest
 import typer
 
-from services.cli import console, main
+from services import console
+from services.cli import main
 from simcore.errors import InputError, SimulationError
 
 
@@ -149,7 +150,7 @@ def test_json_keeps_other_prints_off_standard_output(
 def test_json_keeps_compiled_code_off_standard_output() -> None:
     program = (
         "import os\n"
-        "from services.cli import console\n"
+        "from services import console\n"
         "with console.document_only():\n"
         "    os.write(1, b'[compiled] hello\\n')\n"
         "    console.emit_json({'a': 1})\n"
@@ -165,7 +166,7 @@ def test_json_keeps_compiled_code_off_standard_output() -> None:
 )
 def test_a_document_that_cannot_go_out_is_one_line_and_no_traceback(redirection: str, code: str | None) -> None:
     program = (
-        "import sys; from services.cli import console, main; "
+        "import sys; from services import console; from services.cli import main; "
         "main._invoke = lambda arguments: console.emit_json({'a': 'b' * 200_000}); "
         "sys.exit(main.run(['simulate', '--json']))"
     )

@@ -24,7 +24,7 @@ WORK = (
     "diagnosis.isolability.analyse",
     "diagnosis.atlas.build_atlas",
     "diagnosis.blind.make.make_blind_check",
-    "diagnosis.blind.score.answer_cases",
+    "diagnosis.blind.answers.answer_cases",
     "capture.prepare.prepare_all",
     "capture.sources.PngFolderSource.frames",
     "services.cli.train.run",

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from renderer.store import RowStatus, Store
-from services.cli.console import ProgressBar
-from services.cli.dataset import Watch
+from services.cli.dataset_run import Watch
 from services.cli.main import run
+from services.console import ProgressBar
 from services.dataset.cost import CostEstimate
 from services.dataset.worker import SimulationDone
 from tests.services.dataset_helpers import small_sweep
@@ -122,7 +122,7 @@ def test_a_place_without_permission_is_exit_2(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("services.cli.dataset.NOTE_S", 0.0)
+    monkeypatch.setattr("services.cli.dataset_run.NOTE_S", 0.0)
     watch = Watch(ProgressBar())
     watch.begin(CostEstimate(4, 8, 0.1, 0.05, 0.001, 2))
     for number, status in enumerate([RowStatus.OK, RowStatus.TIMED_OUT]):

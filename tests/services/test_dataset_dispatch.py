@@ -15,7 +15,7 @@ from services.dataset.dispatch import Dispatcher, DispatchOptions
 from services.dataset.solver_kind import SolverKind
 from services.dataset.spread import spread
 from services.dataset.worker import SimulationDone
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 from tests.services.dataset_helpers import SHARDS, small_sweep
 from tests.services.dataset_stub_workers import (
     DyingStoreWorker,
@@ -90,7 +90,7 @@ def test_a_store_that_is_slow_or_kills_is_no_simulations_fault(tmp_path: Path, w
 
 
 def test_a_full_disk_ends_the_sweep_with_its_own_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no space") as raised:
+    with pytest.raises(StoreError, match="no space") as raised:
         dispatch(tmp_path, FullDiskWorker)
     assert raised.value.code == "store_no_space"
     assert 2 not in shards(tmp_path)

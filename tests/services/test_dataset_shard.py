@@ -58,6 +58,7 @@ def drape(status: DrapeStatus = DrapeStatus.STILL, reason: str = "", seconds: fl
         (drape(DrapeStatus.NOT_STILL, "residual 2"), RowStatus.NOT_STILL, "residual 2"),
         (drape(DrapeStatus.NOT_STILL, "time limit", seconds=121.0), RowStatus.TIMED_OUT, "time limit"),
         (drape(DrapeStatus.UNDER_RESOLVED, "zigzag"), RowStatus.UNDER_RESOLVED, "zigzag"),
+        (drape(DrapeStatus.UNDER_RESOLVED, "zigzag", seconds=121.0), RowStatus.UNDER_RESOLVED, "zigzag"),
         (drape(DrapeStatus.DIVERGED), RowStatus.DIVERGED, "diverged"),
         (drape(z=float("nan")), RowStatus.BAD_RENDER, "finite"),
         (SimulationError("no start"), RowStatus.REFUSED, "SimulationError: no start"),

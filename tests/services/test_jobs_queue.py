@@ -33,6 +33,7 @@ from services.jobs.task import Call, Done, Event, Refused, Runner, TaskOutput
 from services.jobs.worker import JobWorker
 from services.settings import Settings
 from simcore.errors import MissingResourceError
+from tests.services.job_rows import read_job
 
 ARCHIVE = FileContent("a.zip", "application/zip", b"content")
 REPORT = FileContent("report.html", "text/html", b"<p>")
@@ -52,11 +53,6 @@ def fall_silent(database: Database) -> None:
 def add(database: Database, *, kind: str = "drape_distance") -> str:
     with database.write() as session:
         return enqueue(session, kind, {"n": 1}, files=[ARCHIVE]).id
-
-
-def read(database: Database, job_id: str) -> Job:
-    with database.read() as session:
-        return session.scalars(select(Job).where(Job.id == job_id)).one()
 
 
 def files(database: Database, role: str) -> list[str]:
@@ -96,7 +92,7 @@ def test_no_job_goes_to_two_workers(database: Database, queue: JobQueue) -> None
 def test_a_result_is_stored_and_inputs_are_dropped(database: Database, queue: JobQueue) -> None:
     job_id = add(database)
     assert queue.succeed(claimed(queue), {"distance": 0.5}, [REPORT])
-    job = read(database, job_id)
+    job = read_job(database, job_id)
     assert (job.status, job.result, job.progress, job.worker) == ("succeeded", {"distance": 0.5}, 1.0, None)
     assert (files(database, "input"), files(database, "output")) == ([], ["report.html"])
 
@@ -114,7 +110,7 @@ def test_a_silent_workers_job_is_given_to_another_and_its_late_result_dropped(
     assert queue.renew(silent) is None
     assert not queue.succeed(silent, {"distance": 1.0})
     assert queue.succeed(second, {"distance": 2.0})
-    assert read(database, job_id).result == {"distance": 2.0}
+    assert read_job(database, job_id).result == {"distance": 2.0}
 
 
 def test_a_job_that_kills_its_workers_is_given_up(database: Database, queue: JobQueue) -> None:
@@ -123,7 +119,7 @@ def test_a_job_that_kills_its_workers_is_given_up(database: Database, queue: Job
         claimed(queue)
         fall_silent(database)
         queue.reap()
-    job = read(database, job_id)
+    job = read_job(database, job_id)
     assert job.status == JobStatus.FAILED
     assert job.problem is not None
     assert job.problem["code"] == "job_crashed"
@@ -136,12 +132,12 @@ def test_renewing_keeps_the_lease_and_tells_of_cancelling(database: Database, qu
     fall_silent(database)
     assert queue.renew(claim, progress=0.25, message="still at it") is True
     assert queue.reap() == 0
-    assert (read(database, job_id).progress, read(database, job_id).message) == (0.25, "still at it")
+    assert (read_job(database, job_id).progress, read_job(database, job_id).message) == (0.25, "still at it")
     with database.write() as session:
         request_cancel(session, session.scalars(select(Job)).one())
     assert queue.renew(claim) is False
     assert queue.cancel(claim)
-    assert read(database, job_id).status == JobStatus.CANCELLED
+    assert read_job(database, job_id).status == JobStatus.CANCELLED
 
 
 def test_a_job_given_back_in_good_order_does_not_lose_an_attempt(database: Database, queue: JobQueue) -> None:
@@ -162,7 +158,7 @@ def test_a_cancelled_job_of_a_silent_worker_is_not_run_again(database: Database,
         request_cancel(session, session.scalars(select(Job)).one())
     fall_silent(database)
     queue.reap()
-    assert read(database, job_id).status == JobStatus.CANCELLED
+    assert read_job(database, job_id).status == JobStatus.CANCELLED
 
 
 @pytest.mark.parametrize("count_attempt", [True, False])
@@ -177,7 +173,7 @@ def test_a_cancelled_job_that_is_given_back_is_not_run_again(
     with database.write() as session:
         request_cancel(session, session.scalars(select(Job)).one())
     assert queue.release(claim, count_attempt=count_attempt)
-    assert read(database, job_id).status == JobStatus.CANCELLED
+    assert read_job(database, job_id).status == JobStatus.CANCELLED
     assert queue.claim("w") is None and not queue.release(claim, count_attempt=count_attempt)
 
 
@@ -202,7 +198,7 @@ def test_a_waiting_job_is_cancelled_at_once(database: Database, queue: JobQueue)
     job_id = add(database)
     with database.write() as session:
         request_cancel(session, session.scalars(select(Job)).one())
-    assert read(database, job_id).status == JobStatus.CANCELLED
+    assert read_job(database, job_id).status == JobStatus.CANCELLED
     assert queue.claim("w") is None
     assert files(database, "input") == []
 
@@ -299,11 +295,11 @@ def worked(database: Database, job_id: str, runner: Runner, **settings: float) -
     with ThreadPoolExecutor(1) as pool:
         running = pool.submit(worker.run)
         deadline = time.monotonic() + 30
-        while read(database, job_id).finished_at is None and time.monotonic() < deadline:
+        while read_job(database, job_id).finished_at is None and time.monotonic() < deadline:
             time.sleep(0.05)
         stopping.set()
         running.result()
-    return read(database, job_id)
+    return read_job(database, job_id)
 
 
 def test_a_job_waits_for_a_cluster_that_is_away(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -380,9 +376,9 @@ def test_a_database_that_is_away_for_a_moment_costs_no_job(
     with ThreadPoolExecutor(1) as pool:
         running = pool.submit(worker.run)
         deadline = time.monotonic() + 30
-        while read(database, job_id).status != JobStatus.SUCCEEDED and time.monotonic() < deadline:
+        while read_job(database, job_id).status != JobStatus.SUCCEEDED and time.monotonic() < deadline:
             time.sleep(0.05)
         stopping.set()
         running.result()
-    job = read(database, job_id)
+    job = read_job(database, job_id)
     assert (job.status, job.attempts, len(faults)) == (JobStatus.SUCCEEDED, 1, 2)

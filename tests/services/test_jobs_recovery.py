@@ -23,6 +23,7 @@ from services.db.jobs import Job, JobStatus, Worker
 from services.jobs.queue import enqueue, request_cancel
 from services.settings import Settings
 from tests.services.job_functions import work_slowly
+from tests.services.job_rows import read_job
 from tests.services.served import COMMAND, QUICK, SOFT, STIFF, Served, environment, finished, serving
 
 
@@ -46,15 +47,10 @@ def add(database: Database, folder: Path, seconds: float) -> str:
         return enqueue(session, "drape_distance", {"folder": str(folder), "seconds": seconds}).id
 
 
-def read(database: Database, job_id: str) -> Job:
-    with database.read() as session:
-        return session.scalars(select(Job).where(Job.id == job_id)).one()
-
-
 def wait(database: Database, job_id: str, until: Callable[[Job], bool], timeout_s: float = 90.0) -> Job:
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
-        job = read(database, job_id)
+        job = read_job(database, job_id)
         if until(job):
             return job
         time.sleep(0.05)
@@ -105,7 +101,7 @@ def test_sigterm_gives_the_job_back_without_losing_an_attempt(database: Database
     job_id = add(database, tmp_path, 4.0)
     with worker(database):
         wait(database, job_id, at_work)
-    job = read(database, job_id)
+    job = read_job(database, job_id)
     assert (job.status, job.attempts, job.progress) == ("queued", 0, 0.0)
     assert not alive(tmp_path)
 

@@ -79,6 +79,9 @@ def test_unknown_scopes_and_keys_are_refused(database: Database) -> None:
             parse_scopes(scopes)
         assert caught.value.code == "scope_unknown"
     assert set(parse_scopes("*")) == set(ApiScope)
+    with pytest.raises(InputError, match=r"^\* stands alone: [^:]*$") as caught:
+        parse_scopes("fabrics:read,*")
+    assert caught.value.code == "scope_unknown"
     with (
         database.write() as session,
         pytest.raises(InputError, match=r"no API key 'dm_unknown': .*keys list") as caught,

@@ -109,7 +109,7 @@ def test_participants_differ_but_share_some_questions(client: TestClient, store:
     assert rows[0] != rows[1]
 
 
-def test_what_does_not_exist_or_makes_no_sense(client: TestClient, tmp_path: Path) -> None:
+def test_what_does_not_exist_or_makes_no_sense(client: TestClient) -> None:
     assert client.get("/participants/part_0").status_code == 404
     assert client.get("/pictures/pic_0").status_code == 404
     who = client.post("/participants", json={}).json()["participant"]

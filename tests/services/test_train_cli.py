@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture.capture_set import Capture, CaptureSet, new_document, write_captures_json
+from capture.capture_set import Capture, new_document, write_captures_json
 from capture.prepare import PreparedCapture, prepare_all
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth_png import write_depth_png
 from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
 from services.cli import main
-from services.cli.estimate import inputs_by_fabric
 from services.training.job import TrainingRank
 from simcore.parameters import ESTIMATED_NAMES, UNITS
 from tests.trainer.analytic import AnalyticSource
@@ -299,7 +298,9 @@ def test_a_picture_that_is_lost_is_not_learnt_from(
     assert code == 1 and "has no picture" in said and not (tmp_path / "m").exists()
 
 
-def test_poses_are_found_from_the_whole_set(monkeypatch: pytest.MonkeyPatch, capture_set: Path) -> None:
+def test_poses_are_found_from_the_whole_set(
+    monkeypatch: pytest.MonkeyPatch, model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     seen: list[int] = []
 
     def prepare(captures: Sequence[Capture]) -> list[PreparedCapture]:
@@ -307,8 +308,8 @@ def test_poses_are_found_from_the_whole_set(monkeypatch: pytest.MonkeyPatch, cap
         return prepare_all(captures)
 
     monkeypatch.setattr("capture.prepare.prepare_all", prepare)
-    inputs = inputs_by_fabric(CaptureSet.load(capture_set))
-    assert seen == [4] and [sorted(own) for own in inputs.values()] == [["hanging", "stretch"]] * 2
+    document = run_json(capsys, "estimate", str(capture_set), "--density", "0.15", "--model", str(model))
+    assert seen == [4] and [fabric["scenes"] for fabric in document["fabrics"]] == [["hanging", "stretch"]] * 2
 
 
 @pytest.mark.parametrize("program", [evaluate_captures, saliency, ablation])

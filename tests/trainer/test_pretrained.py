@@ -8,9 +8,9 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from renderer.torchvision_import import import_torchvision
+from renderer.torchvision_import import WEIGHTS_VARIABLE, import_torchvision
 from simcore.errors import InputError, MissingResourceError
-from trainer.pretrained import WEIGHTS_VARIABLE, load_pretrained_trunk
+from trainer.pretrained import load_pretrained_trunk
 from trainer.trunk import ResNet18Trunk
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from simcore.parameters import ESTIMATED_NAMES
 from trainer.evaluate_captures import known_fabrics
-from trainer.predict import DEFAULT_MODEL, Estimator
+from trainer.predict import Estimator
+from trainer.shipped import DEFAULT_MODEL
 
 
 def test_it_is_whole_and_knows_both_scenes() -> None:

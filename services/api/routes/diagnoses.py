@@ -21,6 +21,7 @@ from services.api.views import JobView
 from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, beginnings, names_in, read_captures_json
 from services.jobs.files import FileContent
 from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs, picture_names
+from services.names import split_names
 from services.settings import Settings
 from simcore.errors import InputError
 
@@ -49,12 +50,12 @@ async def create_diagnosis(
 
     Scope `diagnoses:write`.
     """
-    tried = _names(effects)
+    tried = split_names(effects)
     if effects and not tried:
         raise InputError(f"effects {effects!r} name none: give names, or leave it away", code="no_effects")
     inputs = DiagnosisInputs(
         effects=tried,
-        without=_names(without),
+        without=split_names(without),
         resolution_m=resolution_m,
         lpips=lpips,
         most_bytes=state.settings.max_unpacked_bytes,
@@ -66,10 +67,6 @@ async def create_diagnosis(
     return await run_in_threadpool(
         submit_job, state, caller, idempotency_key, "diagnosis", inputs.model_dump(mode="json"), files=(file,)
     )
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def _check(content: bytes, settings: Settings) -> CaptureSetDocument:

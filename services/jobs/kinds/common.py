@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from metric.backends import BACKEND_NAMES
+from metric.backends import check_backend
 from services.jobs.task import Report, Resources
 from services.schemas import Strict
-from simcore.errors import InputError
 from simcore.mesh import GridMesh
 
 if TYPE_CHECKING:
@@ -42,10 +41,7 @@ class SimulationInputs(Strict):
             InputError: an unknown back end, or a resolution that does not cut the sample into whole cells.
         """
         GridMesh(self.resolution_m)
-        if self.backend not in BACKEND_NAMES:
-            raise InputError(
-                f"unknown back end {self.backend!r}: choose one of {', '.join(BACKEND_NAMES)}", code="backend_unknown"
-            )
+        check_backend(self.backend)
 
 
 def counting(report: Report, total: int, what: str) -> Callable[[], None]:

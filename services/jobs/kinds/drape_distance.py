@@ -30,18 +30,19 @@ def run(task: Task, report: Report) -> TaskOutput:
     """
     from metric.backends import get_backend
     from metric.compare import compare_fabrics
-    from services.jobs.caches import feature_cache, render_cache
+    from services.caches import shared_metric_caches
 
     inputs = DrapeDistanceInputs.model_validate(task.inputs)
     backend = get_backend(inputs.backend)
+    caches = shared_metric_caches()
     comparison = compare_fabrics(
         inputs.a.to_fabric(),
         inputs.b.to_fabric(),
         backend,
         inputs.plan(),
         runner=simulation_runner(task.resources),
-        renders=render_cache(),
-        features=feature_cache(),
+        renders=caches.renders,
+        features=caches.features,
         on_done=counting(report, 4 * inputs.simulations, "simulations"),
     )
     found = comparison.result

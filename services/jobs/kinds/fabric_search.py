@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 from pydantic import ConfigDict, Field
@@ -10,6 +9,7 @@ from pydantic import ConfigDict, Field
 from services.jobs.files import FileContent
 from services.jobs.kinds.common import SimulationInputs, counting, simulation_runner
 from services.jobs.task import Report, Task, TaskOutput
+from services.patterns import PRINTABLE
 from services.schemas import EXAMPLE_PARAMETERS, Parameters
 from simcore.errors import InputError
 
@@ -26,7 +26,7 @@ class FabricSearchInputs(SimulationInputs):
 
     reference: Parameters | None = Field(default=None, description="Parameters to look for.")
     fabric_id: str | None = Field(
-        default=None, max_length=48, pattern=r"^[\x21-\x7e]+$", description="Or a fabric of the library."
+        default=None, max_length=48, pattern=PRINTABLE, description="Or a fabric of the library."
     )
     limit: int = Field(default=10, ge=1, le=200, description="How many to return.")
 
@@ -50,7 +50,7 @@ def run(task: Task, report: Report) -> TaskOutput:
     from metric.backends import get_backend
     from metric.library import parse_library
     from metric.search import search_library
-    from services.jobs.caches import descriptor_store, feature_cache, render_cache
+    from services.caches import shared_metric_caches
 
     rows = task.inputs["library"]
     inputs = FabricSearchInputs.model_validate({k: v for k, v in task.inputs.items() if k != "library"})
@@ -67,15 +67,16 @@ def run(task: Task, report: Report) -> TaskOutput:
         if not library:
             raise InputError("the library holds no other fabric", code="library_empty")
     backend = get_backend(inputs.backend)
+    caches = shared_metric_caches()
     found_fabrics = search_library(
         reference,
         library,
         backend,
         inputs.plan(),
         runner=simulation_runner(task.resources),
-        renders=render_cache(),
-        features=feature_cache(),
-        descriptors=descriptor_store(),
+        renders=caches.renders,
+        features=caches.features,
+        descriptors=caches.descriptors,
         on_done=counting(report, 2 * inputs.simulations * (1 + len(library)), "simulations"),
     )
     nearest = found_fabrics.ranking[: inputs.limit]
@@ -104,11 +105,9 @@ def run(task: Task, report: Report) -> TaskOutput:
 
 def _thumbnails(place: int, fabric: RankedFabric) -> dict[str, FileContent]:
     """A small PNG of the fabric in each scene, named by its place in the ranking."""
-    from PIL import Image
+    from renderer.picture import png_bytes
 
-    files = {}
-    for scene, picture in fabric.pictures.items():
-        stream = BytesIO()
-        Image.fromarray(picture).save(stream, format="PNG")
-        files[scene.value] = FileContent(f"{place:03d}-{scene.value}.png", "image/png", stream.getvalue())
-    return files
+    return {
+        scene.value: FileContent(f"{place:03d}-{scene.value}.png", "image/png", png_bytes(picture))
+        for scene, picture in fabric.pictures.items()
+    }

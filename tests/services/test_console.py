@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from services.cli import console
+from services import console
+from services.plain_json import to_plain
 from simcore.scenes import Scene
 
 
@@ -32,7 +33,7 @@ def test_plain_values() -> None:
         "model": Model(path=Path("a/b")),
         "none": None,
     }
-    assert console.to_plain(value) == {
+    assert to_plain(value) == {
         "hanging": {"scene": "stretch", "values": [1.0, None]},
         "array": [[1.5, None]],
         "scalar": 3,
@@ -41,7 +42,7 @@ def test_plain_values() -> None:
         "none": None,
     }
     with pytest.raises(TypeError):
-        console.to_plain(object())
+        to_plain(object())
 
 
 def test_progress_prints_nothing_where_nobody_watches(capsys: pytest.CaptureFixture[str]) -> None:
