@@ -43,8 +43,9 @@ FIELDS = {
     "and what that means",
     "`odds`, `anywhere`": "may be left out: how probable the places are relative to each other; a function of random "
     "numbers that draws where the effect really is, where that may be between the places, for blind checks",
-    "`between`, `alike`": "may be left out: places that are not simulated, because what it does there is about a mixture "
-    "of what it does at others, as in `edge_curl.py`; how much alike it does at all places, from 0 to less than 1",
+    "`between`, `alike`": "may be left out: places that are not simulated, because what it does there is about a "
+    "mixture of what it does at others, as in `edge_curl.py`; how much alike it does at all places, from 0 to less "
+    "than 1",
     "`vector`, `random_repeats`, `holds`, `white`, `vague`, `twin`, `vanishes_at_zero`, `fine`, `presses`": (
         "may be left out: `diagnosis/effect.py` says which effects need them"
     ),
