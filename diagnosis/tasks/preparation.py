@@ -13,8 +13,7 @@ from scipy import ndimage
 
 from capture.capture_set import Capture, CaptureSet
 from capture.documents import FabricDocument, SensorDocument, SetupDocument
-from capture.normalise import NetworkInput
-from capture.prepare import PreparedCapture, prepare_all
+from capture.prepare import PreparedCapture, inputs_by_fabric, prepare_all
 from capture.setup import passed_over
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M
@@ -232,7 +231,7 @@ def stated_parameters(
         given = fabric.parameters.model_dump()
         cv = STATED_SIGMA if fabric.parameters_cv is None else usable("parameters_cv", fabric.parameters_cv)
         return FabricParameters.from_mapping({**given, "density": density}), relative_sigma(cv, density_cv, cv)
-    found = _estimator().estimate(_inputs(prepared), density)
+    found = _estimator().estimate(inputs_by_fabric(prepared)[fabric.id], density)
     spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]
     if found.out_of_distribution:
         spread = [max(value, UNKNOWN_SIGMA) for value in spread]
@@ -252,10 +251,3 @@ def _estimator() -> Estimator:
     from trainer.shipped import DEFAULT_MODEL
 
     return Estimator.load(DEFAULT_MODEL)
-
-
-def _inputs(prepared: Sequence[PreparedCapture]) -> dict[Scene | str, list[NetworkInput]]:
-    inputs: dict[Scene | str, list[NetworkInput]] = {}
-    for item in prepared:
-        inputs.setdefault(item.capture.scene, []).append(item.network_input)
-    return inputs
