@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from diagnosis.afresh import alike
+from diagnosis.afresh import alike, between
 from diagnosis.afresh.fresh import is_mechanical, moves_camera
 from diagnosis.afresh.further import FURTHER, TRIAL_LOOKS
 from diagnosis.afresh.moved_pin import MOST_TRIALS
@@ -146,6 +146,7 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             closer = name == "stretch" and len(tasks) > 1  # with one fabric nothing is looked at closer
             looks = CLOTH_EFFECTS if closer else 0
             further = LOOKS + alike.most_looks(task.effects) + TRIAL_LOOKS if closer else 0
+            further += between.most_looks(task.effects) if closer else 0
             pairs = PAIR_ROUNDS * ROUND_PAIRS + THROUGH_ROUNDS * THROUGH_PAIRS
             further += pairs + SECOND_EFFECTS if closer else 0
             if len(tasks) > 1:
@@ -158,6 +159,7 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             bases = 0 if at_hand else BASE_SEEDS[name]
             counts += (bases, states * one, 1 + looks)
             tried = FURTHER + SECOND_EFFECTS * MOST_SIZES + MOST_TRIALS if closer else 0
+            tried += between.most_trials(task.effects) if closer else 0
             missed, again = (len(FURTHER_SEEDS), STARTS[name]) if name == "stretch" else (0, 0)
             if not all(capture.pose_known for capture in own):  # led and compared again with the pose found again
                 counts += (0, 0, 1)

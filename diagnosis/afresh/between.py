@@ -9,13 +9,15 @@ import numpy as np
 from diagnosis.afresh.by_distance import most, squares
 from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
 from diagnosis.afresh.once import Name
-from diagnosis.afresh.refinement import Search, Weigh, leader
+from diagnosis.afresh.refinement import CLOTH_EFFECTS, LATER_CLOTH_EFFECTS, LOOK_ROUNDS, Search, Weigh, leader
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 from diagnosis.workers import ALONE, Workers
 
 BESIDE_LEAVES = 0.9
 """Share of most fabrics' square distances that a place beside the fitted one must leave less than."""
+LOOKS = 1 + LOOK_ROUNDS * (CLOTH_EFFECTS + LATER_CLOTH_EFFECTS)
+"""Simulations of effects for a capture, at most: at another place, and in rounds after that."""
 
 
 def look_between(
@@ -51,6 +53,18 @@ def look_between(
         return dict(looks)
     trial = search.rounds(search.simulated({key: look.copy() for key, look in looks.items()}, wanted))
     return trial if first in name([look.result for look in trial.values()]).named else dict(looks)
+
+
+def most_looks(effects: Sequence[str]) -> int:
+    """Simulations for a capture, at most, where these effects are tried."""
+    return LOOKS if any(get_effect(name).between for name in effects) else 0
+
+
+def most_trials(effects: Sequence[str]) -> int:
+    """Simulations for each fabric's first capture, at most: at the fitted place and at those beside it."""
+    able = [e for e in map(get_effect, effects) if e.between and e.alike == 0.0]
+    beside = [len(further_places(effect, place)) for effect in able for place in effect.tried]
+    return 1 + max(beside) if beside else 0
 
 
 def _nearer(

@@ -24,7 +24,7 @@ AIMS = (
     ("withheld_misnamed", "withheld effect misnamed with p > 0.8", "at most 0.10"),
     ("one_of_two", "one of two effects named first", ""),
     ("both_of_two", "both of two effects named", "at least 0.70"),
-    ("place_right", "crease or curl found at the tried place nearest to its own, or beside that", ""),
+    ("place_right", "crease or curl found at the tried place nearest to its own, or less than a step away", ""),
     ("magnitude_inside", "magnitude inside its 90 % interval", "0.85 to 0.95"),
     ("top1_strict", "effect named right, groups not counted as one", ""),
     ("shrinkage_covered", "share closed on further, sealed captures inside the stated 90 % interval", "0.85 to 0.95"),

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from diagnosis.afresh.between import further_places
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 
@@ -18,10 +17,15 @@ def at_a_tried_place(name: str, size: Mapping[str, float]) -> dict[str, float]:
 
 
 def is_its_place(name: str, truth: Mapping[str, float], found: Mapping[str, float]) -> bool:
-    """Whether an effect was found at the tried place that is nearest to its own, or at one beside that."""
+    """Whether an effect was found at the tried place nearest to its own, or less than one step of these away."""
     effect = get_effect(name)
-    nearest = _nearest(effect, truth)
-    return effect.number_of(found) in (nearest, *further_places(effect, effect.tried[nearest]))
+    if effect.number_of(found) == _nearest(effect, truth):
+        return True
+    for key in effect.tried[0]:
+        steps = np.diff(np.unique([place[key] for place in effect.tried]))
+        if len(steps) and abs(found[key] - truth[key]) >= steps.min():
+            return False
+    return True
 
 
 def _nearest(effect: Effect, size: Mapping[str, float]) -> int:

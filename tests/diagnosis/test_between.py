@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from diagnosis.afresh import between
-from diagnosis.afresh.between import further_places, look_between
+from diagnosis.afresh.between import LOOKS, further_places, look_between, most_looks, most_trials
 from diagnosis.afresh.fresh import Sized
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
@@ -35,6 +35,13 @@ def test_of_a_curl_the_middle_width_is_looked_at() -> None:
     for place in curl.tried:
         (number,) = further_places(curl, {SCALAR: 12.0, **place})
         assert curl.tried[number] == {"width_m": 0.035}
+
+
+def test_the_forecast_counts_what_may_be_tried() -> None:
+    """A crease is brought on at the fitted line and two beside it; a curl's other width is looked at without that."""
+    assert (most_looks(("air_draft",)), most_trials(("air_draft",))) == (0, 0)
+    assert (most_looks(("air_draft", "edge_curl")), most_trials(("air_draft", "edge_curl"))) == (LOOKS, 0)
+    assert (most_looks(("crease", "edge_curl")), most_trials(("crease", "edge_curl"))) == (LOOKS, 3)
 
 
 class Search:

@@ -5,12 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
@@ -20,6 +15,7 @@ from diagnosis.simulation.simulator import Simulator, solver_of
 from diagnosis.workers import Workers
 from simcore.errors import SimulationError
 from simcore.mesh import GridMesh
+from tests.left_workers import check_workers_end
 
 
 def where(item: int) -> tuple[int, int]:
@@ -77,17 +73,8 @@ def test_a_simulator_travels_without_its_solvers(tmp_path: Path) -> None:
     assert arrived == simulator
 
 
-def wait_long(place: str) -> str:
-    Path(place).touch()
-    time.sleep(300.0)
-    return place
-
-
 HOLDER = """
-import signal, sys
-sys.path.insert(0, {root!r})
 from diagnosis.workers import Workers
-from tests.diagnosis.test_workers import wait_long
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as the command does; Ctrl-C is ignored in a background
     with Workers(2) as workers:
@@ -97,28 +84,4 @@ if __name__ == "__main__":
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_workers_do_not_outlive_who_started_them(tmp_path: Path, how: signal.Signals) -> None:
-    script = tmp_path / "holder.py"
-    at_work = [tmp_path / "one", tmp_path / "two"]
-    script.write_text(HOLDER.format(root=str(Path(__file__).parents[2]), places=[str(place) for place in at_work]))
-    holder = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
-    wait_for(lambda: True if all(place.exists() for place in at_work) else None)
-    children = spawned_by(holder.pid)
-    assert len(children) == 2
-    holder.send_signal(how)
-    holder.wait(60)
-    wait_for(lambda: True if not any(Path(f"/proc/{child}").exists() for child in children) else None)
-
-
-def spawned_by(parent: int) -> list[int]:
-    """Worker processes of a process; its resource tracker is none."""
-    text = Path(f"/proc/{parent}/task/{parent}/children").read_text()
-    return [int(pid) for pid in text.split() if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-
-
-def wait_for(look: Callable[[], Any]) -> Any:
-    """What ``look`` gives once it gives something."""
-    end = time.monotonic() + 60.0
-    while (seen := look()) is None:
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.1)
-    return seen
+    check_workers_end(tmp_path, HOLDER, how)

@@ -5,16 +5,14 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from metric.workers import run_in_processes
 from simcore.errors import InputError, SimulationError
+from tests.left_workers import check_workers_end
 
 
 def square(number: int) -> int:
@@ -75,42 +73,12 @@ def test_workers_stop_at_once_when_nobody_wants_more() -> None:
     results.close()  # `nobody_left` and the test's time-out say whether they did
 
 
-def wait_long(place: str) -> str:
-    Path(place).touch()
-    time.sleep(300.0)
-    return place
-
-
 HOLDER = """
-import sys
-sys.path.insert(0, {root!r})
 from metric.workers import run_in_processes
-from tests.metric.test_workers import wait_long
 if __name__ == "__main__":
     list(run_in_processes(wait_long, {places!r}, 2))
 """
 
 
 def test_workers_end_in_the_middle_of_an_item_when_who_started_them_is_killed(tmp_path: Path) -> None:
-    script, at_work = tmp_path / "holder.py", [tmp_path / "one", tmp_path / "two"]
-    script.write_text(HOLDER.format(root=str(Path(__file__).parents[2]), places=[str(place) for place in at_work]))
-    holder = subprocess.Popen([sys.executable, str(script)], stderr=subprocess.DEVNULL)
-    wait_until(lambda: all(place.exists() for place in at_work))
-    workers = spawned_by(holder.pid)
-    assert len(workers) == 2
-    holder.send_signal(signal.SIGKILL)
-    holder.wait(60)
-    wait_until(lambda: not any(Path(f"/proc/{worker}").exists() for worker in workers))
-
-
-def spawned_by(parent: int) -> list[int]:
-    """Worker processes of a process; its resource tracker is none."""
-    text = Path(f"/proc/{parent}/task/{parent}/children").read_text()
-    return [int(pid) for pid in text.split() if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-
-
-def wait_until(done: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0
-    while not done():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.1)
+    check_workers_end(tmp_path, HOLDER, signal.SIGKILL)
