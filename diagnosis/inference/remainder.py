@@ -22,9 +22,9 @@ from diagnosis.inference.likelihood import ALONE_NATS, LikelihoodModel
 
 Array = NDArray[np.float64]
 ALL = "all"
-SINGLE = ("picture", "pins", "one pin", "rim", "lines", "weights", "bends", "turns")
+SINGLE = ("picture", "pins", "one pin", "rim", "lines", "weights", "one weight", "bends", "turns")
 """Families that are tried by themselves; smooth forms are not: another simulator shows one for no reason."""
-ONE = {"one pin": ("pins", 2)}
+ONE = {"one pin": ("pins", 2), "one weight": ("weights", 1)}
 """A family of which any one takes part, and not the others: each so many rows of another family."""
 MIXED = ("effects", "parameters", "picture", "pins", "forms", "rim", "lines")
 """Families that take part in the mixture of all."""
@@ -36,12 +36,13 @@ BY_CHANCE_NATS = {
     "rim": 6.0,
     "lines": 2.0,
     "weights": 3.0,
+    "one weight": 2.0,
     "bends": 6.0,
     "turns": 0.0,
 }
 """A mixture may gain so much where nothing unknown is there: simulators differ for no reason, each time otherwise; a
 rim is lifted by curvatures of the catalogue, too, whose own responses may be of other folds; another simulator's set
-without an effect shows bends worth 5.6, sets with nothing in them one pin worth 5.1."""
+without an effect shows bends worth 5.6, sets with nothing in them one pin worth 5.1 and one weight worth 0.6."""
 SINGLE_SHARE = 0.5
 """Of mixtures: those of one family."""
 WEIGHTS, SINGLE_WEIGHTS = (0.2, 0.4), (0.4, 1.0)

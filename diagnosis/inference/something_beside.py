@@ -31,6 +31,8 @@ from diagnosis.inference.subtract import (
 Array = NDArray[np.float64]
 TOLERATED = 0.7
 """Of what there is to explain, an effect may leave so much: large changes are simulated less well."""
+ALONE = 0.75
+"""Of something unknown: alone, and not beside an effect of the catalogue; of its effects as many are."""
 CHANGED = 0.5
 """A shared number is explained by what changes it by more than this share of how far it is off."""
 
@@ -57,7 +59,7 @@ def something_beside(
     shares: Mapping[str, float],
     pairs: Sequence[Pair],
 ) -> Beside:
-    """Log evidence of something outside the catalogue, alone (half of the cases) or beside one of the best effects.
+    """Log evidence of something outside the catalogue, alone (:data:`ALONE` of the cases) or beside a likely effect.
 
     It shows in a mixture of changes that is the same for all fabrics, in shared numbers that are off, or in both. What
     a mixture or numbers gain alone is nothing unknown where one of the best effects, or two together, leave little of
@@ -97,7 +99,7 @@ def something_beside(
             numbers_said.append((pair.evidence.log_evidence - nothing, numbers_left))
             if numbers_left < UNSAID * beside:
                 beside = min(beside, gained + numbers_left - allowed)
-        found.append(own + either(unsaid, beside) + np.log(0.5 * shares[name] / rest))
+        found.append(own + either(unsaid, beside) + np.log((1.0 - ALONE) * shares[name] / rest))
     for pair, left in left_by_two:
         said.append((pair.evidence.log_evidence - nothing, left, moves_the_camera([pair.first, pair.second])))
     for gained, left, exact in said:
@@ -106,7 +108,7 @@ def something_beside(
             unexplained = min(unexplained, gained + mixture.evidence(left, beside=tolerated))
     repeated = [gained + left for gained, left in numbers_said if is_said_again(numbers, left, gained)]
     unsaid_numbers = min([numbers, *repeated])
-    found.append(nothing + either(unexplained, unsaid_numbers) + np.log(0.5))
+    found.append(nothing + either(unexplained, unsaid_numbers) + np.log(ALONE))
     return Beside(float(logsumexp(found)), numbers - unsaid_numbers)
 
 

@@ -48,9 +48,27 @@ def test_chance_or_one_fabric_alone_predicts_nothing(shown: Sequence[int]) -> No
 def test_weights_and_bends_show_where_they_were_put_on_the_cloth_on_trial() -> None:
     for family in ("weights", "bends"):
         found = gains(fabrics(range(FABRICS), family, probed=True))
-        assert found[family] > 5.0 > max(value for name, value in found.items() if name != family)
+        others = {name: value for name, value in found.items() if name not in (family, "one weight")}
+        assert found[family] > 5.0 > max(others.values())
         assert family not in gains(fabrics(range(FABRICS), family))
         assert max(gains(fabrics(range(1), family, probed=True)).values()) < BY_CHANCE_NATS[family]
+
+
+def along_edges(share: float) -> dict[str, float]:
+    """Gains of so much of a weight along the bottom edge where each fabric shows one of its own along another edge."""
+    found = []
+    for number, block in enumerate(fabrics(range(0), None, probed=True)):
+        weights = block.probes["weights"]
+        change = share * weights[3] + 0.3 * (1, -1, -1, 1)[number] * weights[number % 3]
+        view = replace(block.stated, measured=block.stated.measured + change / ERROR_M)
+        found.append(replace(block, stated=view, wide=view))
+    return gains(found)
+
+
+def test_a_weak_weight_along_one_edge_shows_by_itself_and_not_among_others() -> None:
+    found, none = along_edges(0.15), along_edges(0.0)
+    assert found["weights"] < 0.0 < BY_CHANCE_NATS["one weight"] < found["one weight"]
+    assert max(none["weights"], none["one weight"]) < 0.0
 
 
 def test_one_fabric_that_was_not_probed_shows_no_probe() -> None:
@@ -69,7 +87,8 @@ def test_probes_that_do_what_an_effect_of_the_catalogue_does_are_nothing_unknown
         known.append(replace(block, stated=view, wide=view))
     found = Mixture.of((*EFFECTS, "hem_weight"), known, LikelihoodModel())
     described = dict(zip(found.families, found.gain([b.stated.measured for b in known]), strict=True))
-    assert described["weights"] < 0.0 < gains(blocks)["weights"] - 5.0
+    for family in ("weights", "one weight"):
+        assert described[family] < 0.0 < gains(blocks)[family] - 5.0
 
 
 def test_pins_are_moved_on_the_cells_they_were_probed_on() -> None:
