@@ -12,7 +12,8 @@ from diagnosis.separation import SEPARABLE_NATS
 
 KNOWN: Mapping[frozenset[str], str] = MappingProxyType(
     {
-        frozenset({"depth_scale", "depth_bias"}): "capture once more from another distance",
+        frozenset({"depth_scale", "depth_bias"}): "capture a set of its own from another distance and compare the "
+        "sizes: a bias stays, what a scale does grows with the distance",
         frozenset({"depth_scale", "camera_translation"}): "capture once more from another distance",
         frozenset({"depth_bias", "camera_translation"}): "measure the camera's distance, or capture from another one",
         frozenset({"depth_scale", "focal_scale"}): "capture once more from another distance",

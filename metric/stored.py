@@ -75,11 +75,12 @@ def renders_from_store(store: Store, material: int) -> StoredRenders:
             continue
         row = simulation * layout.pictures
         status = RowStatus(int(store.status[row]))
-        if status is RowStatus.OK:
+        if store.ok[row]:
             usable.append(row)
             scenes[Scene.parse(layout.scenes[place])].append(render_vertices(store.vertices(simulation), mesh))
         else:
-            failed.append(f"{layout.scenes[place]} {jitter}: {status.label} {store.reason[row]}".strip())
+            why = "its shard is not finished" if status is RowStatus.OK else f"{status.label} {store.reason[row]}"
+            failed.append(f"{layout.scenes[place]} {jitter}: {why}".strip())
     empty = [scene.value for scene, renders in scenes.items() if not renders]
     if empty:
         raise InputError(

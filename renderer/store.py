@@ -113,8 +113,9 @@ class Store:
 
     @cached_property
     def ok(self) -> NDArray[np.bool_]:
-        """Which samples may be used, bool, shape [N]."""
-        return np.asarray(self.status == RowStatus.OK)
+        """Which samples may be used, bool, shape [N]; none of a shard that is not finished."""
+        finished = np.repeat(self.complete, self.layout.rows_per_shard)[: len(self.status)]
+        return np.asarray((self.status == RowStatus.OK) & finished)
 
     @cached_property
     def materials(self) -> NDArray[np.uint32]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, IterableDataset, get_worker_info
 
-from simcore.errors import InputError
+from simcore.errors import DrapemeterError, InputError
 from simcore.scenes import Scene
 from trainer.preprocess import resize
 
@@ -141,7 +141,7 @@ Pair = tuple[Tensor, Tensor, Tensor, Tensor]
 """int16 heights [scenes, size, size], present [scenes], parameters [7], material."""
 
 
-class PairStream(IterableDataset[Pair]):
+class PairStream(IterableDataset[Pair | DrapemeterError]):
     """Endless stream of pairs; each pass visits every picture of its shards once, in a new order.
 
     Args:
@@ -177,7 +177,16 @@ class PairStream(IterableDataset[Pair]):
         self._cache: dict[int, Tensor] = {}
         self._cached_bytes = 0
 
-    def __iter__(self) -> Iterator[Pair]:
+    def __iter__(self) -> Iterator[Pair | DrapemeterError]:
+        """Pairs; in a loader's own process what fails is handed on, which PyTorch would turn into a traceback."""
+        try:
+            yield from self._passes()
+        except DrapemeterError as error:
+            if get_worker_info() is None:
+                raise
+            yield error
+
+    def _passes(self) -> Iterator[Pair]:
         mine, lane = self._my_shards()
         done = 0
         while self.passes is None or done < self.passes:
@@ -271,7 +280,10 @@ def pair_up(table: PictureTable, generator: np.random.Generator | None) -> NDArr
     return np.concatenate(pairs) if pairs else np.empty((0, len(SCENES)), dtype=np.int64)
 
 
-def _collate(samples: list[Pair]) -> Batch:
+def _collate(samples: list[Pair | DrapemeterError]) -> Batch | DrapemeterError:
+    failed = next((sample for sample in samples if isinstance(sample, DrapemeterError)), None)
+    if failed is not None:
+        return failed
     codes, present, parameters, material = (torch.stack(column) for column in zip(*samples, strict=True))
     return Batch(decode_heights(codes), present, parameters, material)
 
@@ -285,4 +297,7 @@ def batches(stream: PairStream, batch_pairs: int, workers: int = 0) -> Iterator[
         collate_fn=_collate,
         multiprocessing_context="spawn" if workers else None,
     )
-    yield from loader
+    for batch in loader:
+        if isinstance(batch, DrapemeterError):
+            raise batch
+        yield batch

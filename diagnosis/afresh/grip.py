@@ -61,9 +61,9 @@ class Grip:
     def sentence(self, stated_m: float) -> str:
         """In words, for the report."""
         way = (
-            f"a point of the cloth, not the stated {1e3 * stated_m:.3g} mm round it"
+            f"a point of the cloth, not {1e3 * stated_m:.3g} mm round it"
             if stated_m > 0.0
-            else "a patch of the cloth, not the stated point"
+            else "a patch of the cloth, not a point"
         )
         fabrics = "every fabric" if (self.other <= self.stated).all() else "every fabric but one"
         before, after = (1e3 * float(np.exp(np.log(values).mean())) for values in (self.stated, self.other))

@@ -77,6 +77,8 @@ def find_leads(
         for name in cause.probabilities
         if name not in NOT_EFFECTS and (scatters or not get_effect(name).random_repeats)
     )
+    if not effects:
+        return []
     shares = CausePrior().shares(effects, pixels_seen=pixels.sensor_known)
     weighed: dict[tuple[str, ...], tuple[list[Block], PixelBlock, Cause]] = {}
     leads = []

@@ -125,7 +125,7 @@ class _Scene:
             whitening = solve_triangular(np.linalg.cholesky(covariance), spread, lower=True) if len(along) else spread
             squares += 1e6 * np.array([np.sum((spread @ block.stated.measured) ** 2), np.trace(covariance)])
             measured.append(whitening @ block.stated.measured)
-            responses.append(np.stack([whitening @ lead.on_block(block) for lead in self._candidates()]))
+            responses.append(_rows([whitening @ lead.on_block(block) for lead in self._candidates()], len(along)))
         whole = np.concatenate(measured)
         if not len(whole):
             return None
@@ -144,7 +144,7 @@ class _Scene:
             return None
         values = self.pixels.measured[chosen]
         p = float(chi2.sf(float(np.minimum(values**2, MOST_SQUARE).sum()) / 2.0, len(values)))
-        responses = np.stack([lead.on_numbers(self.pixels)[chosen] for lead in self._candidates()])
+        responses = _rows([lead.on_numbers(self.pixels)[chosen] for lead in self._candidates()], len(chosen))
         return _Part((float(np.mean(values**2)), 1.0), p, values, responses)
 
     def _candidates(self) -> list[Lead]:
@@ -160,8 +160,8 @@ class _Scene:
         gap, floor = np.sqrt(part.square)
         left = np.sum((part.measured - part.responses) ** 2, axis=1)
         taken = 1.0 - left / max(float(part.measured @ part.measured), 1e-12)
-        best = int(np.argmax(taken))
-        if taken[best] > LEAST_EXPLAINED:
+        best = int(np.argmax(taken)) if len(taken) else None
+        if best is not None and taken[best] > LEAST_EXPLAINED:
             lead = self._candidates()[best]
             stage = lead.stage
             if gap > floor:
@@ -201,3 +201,8 @@ class _Scene:
             effect=lead.effect,
             explained=float(np.clip(1.0 - left / max(square, 1e-12), 0.0, 1.0)),
         )
+
+
+def _rows(responses: Sequence[Array], length: int) -> Array:
+    """One below the other, [candidates, length]; no candidate, no row."""
+    return np.concatenate([np.zeros((0, length)), *(row[None] for row in responses)])

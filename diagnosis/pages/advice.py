@@ -51,7 +51,7 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     """What a user can do next, the most useful first; never empty."""
     report = diagnosis.report
     cause = report.cause
-    scenes = {c.scene for r in diagnosis.results for c in r.captures}
+    unstretched = [r.task.id for r in diagnosis.results if all(c.scene != "stretch" for c in r.captures)]
     lines: list[str] = []
     if cause.top == "unknown":
         lines += _of_unknown(report.where, cause)
@@ -61,8 +61,11 @@ def advice(diagnosis: Diagnosis) -> list[str]:
         named = [effect.name for effect in cause.effects] or [cause.top]
         lines += [line for name in named for line in _of_named(get_effect(name))]
     lines += separating(cause)
-    if "stretch" not in scenes:
-        lines.append("Add captures of the stretch scene: it repeats far better than hanging and carries the diagnosis.")
+    if unstretched:
+        some = "" if len(unstretched) == len(diagnosis.results) else f" of {', '.join(unstretched)}"
+        lines.append(
+            f"Add captures of the stretch scene{some}: it repeats far better than hanging and carries the diagnosis."
+        )
     if len(diagnosis.results) == 1:
         lines.append("Add other fabrics: with one, a wrong parameter and a missing effect look alike.")
     return lines

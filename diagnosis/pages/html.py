@@ -56,6 +56,7 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
         sure=SURE,
         assumed=diagnosis.assumed,
         bars=_bars(diagnosis),
+        scatter="repeats scatter by" if _has_repeats(diagnosis) else "errors are expected to make",
     )
 
 
@@ -84,8 +85,13 @@ def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
         bars.append(("wrong effect", found.control.after, "#a0aec0"))
     bars.append(("noise floor", found.noise_floor, "#cbd5e0"))
     if found.repeats is not None and found.repeats > REPEATS_SHOW * found.noise_floor:  # nearer than repeats lie
-        bars.append(("repeats", found.repeats, "#e2e8f0"))
+        bars.append(("repeats" if _has_repeats(diagnosis) else "expected errors", found.repeats, "#e2e8f0"))
     return bars
+
+
+def _has_repeats(diagnosis: Diagnosis) -> bool:
+    """Something was captured twice; what is told as the scatter of repeats is that of the model otherwise."""
+    return any(len(block.captures) > 1 for block in diagnosis.blocks)
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -137,7 +143,7 @@ def sentence(diagnosis: Diagnosis) -> str:
 def _gap_text(report: GapReport) -> str:
     """The gap and its floor; of what panel and pixels show, where that is what was found to differ."""
     value, floor = report.gap.value, report.gap.noise_floor
-    against = "against a noise floor of" if value > floor else "where repeats scatter by"
+    against = "against a noise floor of" if value > floor else "within the noise floor of"
     shape = f"{value:.2f} mm {against} {floor:.2f} mm"
     found = report.shrinkage
     if found is None or found.unit == "mm":
@@ -156,16 +162,21 @@ def _where(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 
 def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
+    """The first capture of every fabric and scene, :data:`MOST_PICTURES` at most: ``stretch`` of all fabrics first."""
+    firsts = {
+        (scene, number): next((c for c in result.captures if c.scene == scene), None)
+        for scene in ("stretch", "hanging")
+        for number, result in enumerate(diagnosis.results)
+    }
+    chosen = [key for key, capture in firsts.items() if capture is not None][:MOST_PICTURES]
     pictures: list[dict[str, str]] = []
-    for result in diagnosis.results:
-        for scene in ("stretch", "hanging"):
-            own = [c for c in result.captures if c.scene == scene]
-            if own and len(pictures) < MOST_PICTURES:
-                task = next(t for t in result.task.captures if t.id == own[0].id)
-                block = next(b for b in diagnosis.blocks if b.fabric == own[0].fabric and b.scene == scene)
-                after = _after(diagnosis, own[0])
-                data = _picture(task, own[0], after, _maps(block, diagnosis.cause))
-                pictures.append({"title": own[0].id, "data": data})
+    for scene, number in sorted(chosen, key=lambda key: key[1]):
+        capture, result = firsts[scene, number], diagnosis.results[number]
+        assert capture is not None
+        task = next(t for t in result.task.captures if t.id == capture.id)
+        block = next(b for b in diagnosis.blocks if b.fabric == capture.fabric and b.scene == scene)
+        data = _picture(task, capture, _after(diagnosis, capture), _maps(block, diagnosis.cause))
+        pictures.append({"title": capture.id, "data": data})
     return pictures
 
 

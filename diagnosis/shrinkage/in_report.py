@@ -9,7 +9,7 @@ from diagnosis.report import RefittedParameters, Shrinkage
 from diagnosis.shrinkage.held_out import Held, Measured
 from diagnosis.shrinkage.seen_depth import seen_depth
 from metric.weights import INSTEAD
-from simcore.errors import MissingResourceError
+from simcore.errors import InputError, MissingResourceError
 from simcore.parameters import FabricParameters
 
 NOT_AFRESH = "nothing was simulated afresh"
@@ -43,7 +43,7 @@ def complete(measured: Measured, looks: Mapping[str, FreshLook], *, lpips: bool)
     if lpips:
         try:
             changes["perceived"] = perceived(shown, looks)
-        except MissingResourceError as error:
+        except (MissingResourceError, InputError) as error:  # the latter: pictures too small for it
             why = str(error).removesuffix(f", {INSTEAD}")  # a diagnosis has no back ends to choose from
             changes["note"] = f"not measured in LPIPS: {why}"
     return made.model_copy(update=changes)

@@ -81,7 +81,7 @@ def _capture_task(capture: Capture, cell_m: float) -> CaptureTask:
         on_cells(capture.setup, cell_m),
         camera=camera,
         pose=pose_rows(capture.camera_from_panel),
-        sensor=sensor_model(capture.sensor, camera.depth_unit_m),
+        sensor=sensor_model(capture.sensor, camera.depth_unit_m, float(capture.camera_from_panel[2, 3])),
     )
     nothing = np.zeros((camera.height, camera.width), dtype=np.float32)
     return CaptureTask(capture.id, capture.repeat, nothing, scene, sensor_known(capture))

@@ -67,11 +67,12 @@ def prepare_tasks(
         items = []
         for capture in own:
             ready = prepared[capture.id]
+            pose = ready.registration.camera_from_panel
             scene = SimulationScene(
                 on_cells(capture.setup, cell),
                 camera=capture.camera,
-                pose=pose_rows(ready.registration.camera_from_panel),
-                sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m),
+                pose=pose_rows(pose),
+                sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3])),
             )
             depth = _compared(ready, scene)
             off = pose_error(ready, prepared.values())
@@ -169,19 +170,38 @@ def not_stated(captures: CaptureSet) -> Iterator[str]:
     over = {(c.scene.value, n) for c, s in zip(captures.captures, setups, strict=True) for n in passed_over(c.scene, s)}
     for scene, name in sorted(over):
         yield f"pin {name} is stated for {scene}, which has none of that name: the sample is taken as not held there"
+    stretched = {c.fabric.id for c in captures.captures if c.scene is Scene.STRETCH}
+    if 0 < len(stretched) < len(fabrics):
+        yield (
+            f"only {', '.join(f.id for f in fabrics if f.id in stretched)} of {len(fabrics)} fabrics are captured in "
+            "stretch: the gap, and how far it shrinks, are theirs alone"
+        )
     if any(setup.pin_radius_m is None for setup in setups):
         yield "pin_radius_m is not stated: magnets are taken to hold 10 mm round a corner"
+    if any(setup.panel is None for setup in setups):
+        yield "panel is not stated: a panel is taken to stand behind the cloth"
     if any(setup.sample_size_m is None for setup in setups):
         yield "sample_size_m is not stated: samples are taken as 500 x 500 mm"
+    sensors = [c.sensor for c in captures.captures if c.sensor is not None and c.sensor.range_noise_m is not None]
+    if any(sensor.at_m is None for sensor in sensors):
+        yield "at_m of the sensor is not stated: its noise is taken as that at the panel's distance"
+    if any(sensor.quantisation_m is None for sensor in sensors):
+        yield "quantisation_m of the sensor is not stated: depths are taken as rounded to depth_unit_m alone"
 
 
-def sensor_model(document: SensorDocument | None, depth_unit_m: float) -> SensorModel:
-    """The sensor as stated, its steps no finer than those in which pictures are kept; ideal where nothing is stated."""
+def sensor_model(document: SensorDocument | None, depth_unit_m: float, panel_m: float) -> SensorModel:
+    """The sensor as stated, its steps no finer than those in which pictures are kept; ideal where nothing is stated.
+
+    Args:
+        document: what is stated.
+        depth_unit_m: step in which pictures are kept [m].
+        panel_m: distance of the panel along the camera's axis [m], where it is not said at which one noise is stated.
+    """
     if document is None:
         return SensorModel()
     return SensorModel(
         range_noise_m=document.range_noise_m or 0.0,
-        at_m=document.at_m or 0.9,
+        at_m=document.at_m or panel_m,
         quantisation_m=max(document.quantisation_m or 0.0, depth_unit_m),
     )
 

@@ -13,7 +13,7 @@ from renderer.store import ShardRows, Store, StoreLayout, StoreWriter, store_exi
 from renderer.store_location import is_remote, local_path, remove_store
 from services.dataset.validation import checksum_faults
 from services.version import data_version
-from simcore.errors import DrapemeterError, InputError, StoreError
+from simcore.errors import InputError, StoreError
 
 _ALIKE = ("scenes", "jitters", "inclinations_deg", "vertex_count", "picture_size")
 
@@ -55,8 +55,8 @@ def merge_stores(sources: Sequence[Store], out: str, listen: Callable[[int], Non
             if not finished[shard]:
                 writer.write_shard(shard, ShardRows.concatenate(rows))
             listen(shard)
-    except DrapemeterError:
-        if not begun:
+    except StoreError as error:
+        if not begun and error.code == "store_damaged":  # else the same command goes on where it was
             remove_store(out)
         raise
     return Store.open(out)

@@ -21,6 +21,8 @@ from simcore.parent import end_with_parent
 
 STOP_GRACE_S = 10.0
 """Time between asking a process to end and killing it."""
+STOPPED = 128 + signal.SIGTERM
+"""Exit status of a process that was told to end."""
 
 
 class ChildProcess:
@@ -91,6 +93,8 @@ class ChildProcess:
         self.stop()
         if code is not None and code < 0:
             return Crashed(f"ended by {signal.Signals(-code).name}", again=True)
+        if code == STOPPED:
+            return Crashed("told to stop", again=True)
         # An exception that nobody foresaw: its traceback is in the log, and it would come again.
         return Crashed(f"ended with exit status {code}", again=False)
 
@@ -124,4 +128,4 @@ def serve_calls(connection: multiprocessing.connection.Connection) -> None:
 
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:
-    sys.exit(128 + signal.SIGTERM)
+    sys.exit(STOPPED)

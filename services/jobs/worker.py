@@ -158,6 +158,9 @@ class JobWorker:
         if isinstance(event, Refused):
             self._refuse(claim, event.code, event.detail)
             return "failed"
+        if self._stopping.is_set():  # a signal to the whole group ends a job's process before the worker stops it
+            self._insist(lambda: self._queue.release(claim, count_attempt=False))
+            return "given_back"
         log.error("job_process_crashed", job=claim.id, reason=event.reason)
         if event.again:
             self._insist(lambda: self._queue.release(claim, count_attempt=True))

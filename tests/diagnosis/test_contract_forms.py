@@ -18,7 +18,7 @@ from diagnosis import synthesis
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.tasks.fabric_task import FabricTask
-from diagnosis.tasks.preparation import TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA, prepare_tasks
+from diagnosis.tasks.preparation import TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA, not_stated, prepare_tasks
 from renderer.camera import CANONICAL_CAMERA
 from renderer.depth_png import write_depth_png
 from renderer.sensor import SensorModel
@@ -164,6 +164,28 @@ def test_usual_values_that_are_taken_are_said(altered: Callable[[Change], Captur
     assert "pins_m is not stated (stretch)" in assumed
     assert "pin_radius_m is not stated: magnets are taken to hold 10 mm" in assumed
     assert "sample_size_m is not stated: samples are taken as 500 x 500 mm" in assumed
+
+
+def test_noise_without_a_distance_is_that_at_the_panel(altered: Callable[[Change], CaptureSet]) -> None:
+    def vague(value: dict[str, Any]) -> None:
+        value["sensor"] = {"range_noise_m": 0.001}
+        del value["setup"]["panel"]
+
+    tasks, assumed = tasks_of(altered(vague))
+    scene = tasks[0].captures[0].scene
+    assert scene.sensor.at_m == pytest.approx(float(scene.camera_from_panel[2, 3]))
+    assert "at_m of the sensor is not stated: its noise is taken as that at the panel's distance" in assumed
+    assert "quantisation_m of the sensor is not stated" in assumed
+    assert "panel is not stated: a panel is taken to stand behind the cloth" in assumed
+
+
+def test_one_fabric_alone_in_stretch_is_said(altered: Callable[[Change], CaptureSet]) -> None:
+    def hang(value: dict[str, Any]) -> None:
+        for capture in value["captures"]:
+            capture["scene"] = "stretch" if capture["fabric"] == "f1" else "hanging"
+
+    captures = altered(hang)
+    assert any("only f1 of 2 fabrics are captured in stretch" in line for line in not_stated(captures))
 
 
 def test_an_uncertainty_in_percent_is_cut_and_said(altered: Callable[[Change], CaptureSet]) -> None:

@@ -70,8 +70,8 @@ def test_one_fabric_of_several_whose_folds_were_missed_does_not_decide_alone() -
 
 def test_it_says_which_way_the_magnets_hold() -> None:
     grip = Grip(np.array([2e-3, 2e-3]), np.array([1e-3, 1e-3]))
-    assert "a point of the cloth, not the stated 10 mm" in grip.sentence(0.01)
-    assert "a patch of the cloth, not the stated point" in grip.sentence(0.0)
+    assert "a point of the cloth, not 10 mm round it" in grip.sentence(0.01)
+    assert "a patch of the cloth, not a point" in grip.sentence(0.0)
     assert "2.00 to 1.00 mm" in grip.sentence(0.0)
 
 

@@ -47,7 +47,8 @@ def report(top: str, p: float = 0.9, rows: tuple[RegionGap, ...] = (), alike: tu
 
 def advised(told: GapReport, scenes: tuple[str, ...] = ("stretch",), fabrics: int = 2) -> str:
     captures = [SimpleNamespace(scene=scene) for scene in scenes]
-    made: Any = SimpleNamespace(report=told, results=[SimpleNamespace(captures=captures)] * fabrics)
+    results = [SimpleNamespace(task=SimpleNamespace(id=f"f{n + 1}"), captures=captures) for n in range(fabrics)]
+    made: Any = SimpleNamespace(report=told, results=results)
     return "\n".join(advice(made))
 
 
@@ -251,7 +252,7 @@ def test_an_answer_from_a_part_of_the_catalogue_does_not_speak_for_all_of_it() -
 
 
 def closed(top: str, unit: str = "mm", fraction: float = 0.9) -> str:
-    """The sentence of a report with a shrinkage, of a gap that is smaller than repeats scatter."""
+    """The sentence of a report with a shrinkage, of a gap that is smaller than its floor."""
     made = report(top, 0.95)
     shrinkage = Shrinkage(
         held_out=("a",), before=6.0, after=1.5, noise_floor=1.0, repeats=1.0, fraction=fraction, unit=unit,
@@ -262,7 +263,7 @@ def closed(top: str, unit: str = "mm", fraction: float = 0.9) -> str:
 
 
 def test_the_sentence_says_what_it_is_that_goes_away() -> None:
-    assert "They differ (0.30 mm where repeats scatter by 0.50 mm)" in closed("hem_weight")
+    assert "They differ (0.30 mm within the noise floor of 0.50 mm)" in closed("hem_weight")
     assert "90 % of the gap above the floor goes away" in closed("hem_weight")
     pixels = closed("depth_bias", "standard deviations")
     assert "They differ (panel and pixels by 6.0 standard deviations on held-out captures" in pixels

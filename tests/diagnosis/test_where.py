@@ -131,6 +131,16 @@ def test_what_a_named_effect_leaves_is_no_better_known_than_its_form() -> None:
     assert 1.0 < gaps[0]["pin_spacing"] < 0.95 * gaps[1]["pin_spacing"]
 
 
+def test_where_nothing_can_explain_a_scene_its_gaps_are_told_all_the_same() -> None:
+    """What repeats scatter tells nothing in ``hanging`` beside ``stretch``, and nothing else was tried."""
+    rng = np.random.default_rng(1)
+    blocks, pixels = make_blocks(rng, 0.009 * BULGE), make_pixels(rng)
+    cause = name_cause(("pin_spacing",), blocks, pixels, MODEL)
+    none = replace(cause, probabilities={"none": 1.0, "unknown": 0.0}, pair=None)
+    rows = where_gaps(blocks, pixels, none, MODEL)
+    assert {row.by for row in rows} == {"region", "kind"} and all(row.effect is None for row in rows)
+
+
 def test_the_named_effect_stands_for_its_stage() -> None:
     rng = np.random.default_rng(1)
     blocks, pixels = make_blocks(rng, scenes=("stretch",)), make_pixels(rng, LOUD)

@@ -98,8 +98,9 @@ def test_parameters_are_those_of_a_usable_row(store: Store) -> None:
     status, parameters = store.status.copy(), store.parameters.copy()
     status[0], parameters[0] = RowStatus.MISSING, 0.0  # its shard is not finished
     stub = SimpleNamespace(
-        layout=store.layout, status=status, reason=store.reason, parameters=parameters, vertices=store.vertices
-    )
+        layout=store.layout, status=status, ok=status == RowStatus.OK, reason=store.reason, parameters=parameters,
+        vertices=store.vertices,
+    )  # fmt: skip
     found = renders_from_store(stub, 0)  # type: ignore[arg-type]  # all that is read of it
     assert found.fabric == renders_from_store(store, 0).fabric
     assert len(found.scenes[Scene.HANGING]) == 1 and found.failed == ["hanging 0: missing"]

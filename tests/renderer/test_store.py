@@ -146,6 +146,14 @@ def test_unfinished_shards_read_as_missing(tmp_path: Path) -> None:
     assert not store.depth(0).any()
 
 
+def test_rows_of_a_shard_that_is_being_written_may_not_be_used(tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    (mark,) = (tmp_path / "s.zarr" / "checksum" / "c" / "0").iterdir()
+    mark.unlink()
+    store = Store.open(tmp_path / "s.zarr")
+    assert (store.status[:6] == RowStatus.OK).any() and not store.ok[:8].any() and store.ok[8:].any()
+
+
 def test_a_store_travels_to_a_worker_by_its_url(tmp_path: Path) -> None:
     make(tmp_path / "s.zarr")
     there = pickle.loads(pickle.dumps(Store.open(tmp_path / "s.zarr")))

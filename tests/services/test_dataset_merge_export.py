@@ -69,6 +69,17 @@ def test_a_damaged_source_is_told_and_leaves_nothing(stores: list[Store], tmp_pa
     assert not (tmp_path / "both.zarr").exists()
 
 
+def test_a_place_that_fails_costs_nothing_that_was_copied(stores: list[Store], tmp_path: Path) -> None:
+    def fail(shard: int) -> None:
+        if shard == 1:
+            raise StoreError("no space left", code="store_no_space")
+
+    out = str(tmp_path / "both.zarr")
+    with pytest.raises(StoreError, match="no space"):
+        merge_stores(stores, out, fail)
+    assert validate_store(merge_stores(stores, out)).valid
+
+
 def test_a_merge_that_was_stopped_goes_on(stores: list[Store], tmp_path: Path) -> None:
     def stop(shard: int) -> None:
         if shard == 1:

@@ -47,6 +47,15 @@ def test_a_killed_process_may_be_tried_again(child: ChildProcess) -> None:
     assert ending(child) == Crashed("ended by SIGKILL", again=True)
 
 
+def test_a_process_that_was_told_to_end_may_be_tried_again(child: ChildProcess, tmp_path: Path) -> None:
+    child.start(Call(job_functions.sleep, (str(tmp_path / "mark"),)))
+    while not (tmp_path / "mark.started").exists():
+        assert child.poll(0.05) is None
+    (process,) = psutil.Process().children()[-1:]
+    process.terminate()
+    assert ending(child) == Crashed("told to stop", again=True)
+
+
 def test_stopping_lets_the_work_clean_up(child: ChildProcess, tmp_path: Path) -> None:
     child.start(Call(job_functions.sleep, (str(tmp_path / "mark"),)))
     while not (tmp_path / "mark.started").exists():

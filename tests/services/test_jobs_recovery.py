@@ -106,6 +106,19 @@ def test_sigterm_gives_the_job_back_without_losing_an_attempt(database: Database
     assert not alive(tmp_path)
 
 
+def test_sigterm_to_all_processes_at_once_gives_the_job_back_too(database: Database, tmp_path: Path) -> None:
+    """As a service manager stops them."""
+    job_id = add(database, tmp_path, 4.0)
+    with worker(database) as first:
+        wait(database, job_id, at_work)
+        (pid,) = alive(tmp_path)
+        assert first.pid is not None
+        os.kill(first.pid, signal.SIGTERM)
+        os.kill(pid, signal.SIGTERM)
+    job = read_job(database, job_id)
+    assert (job.status, job.attempts) == ("queued", 0)
+
+
 def test_a_cancelled_job_is_stopped_in_the_middle(database: Database, tmp_path: Path) -> None:
     job_id = add(database, tmp_path, 600.0)
     with worker(database):

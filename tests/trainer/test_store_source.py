@@ -189,6 +189,20 @@ def test_a_damaged_picture_is_told_however_few_are_read(tmp_path: Path) -> None:
         assert caught.value.code == "store_damaged"
 
 
+def test_a_loaders_own_process_tells_of_damage_in_one_line(tmp_path: Path) -> None:
+    writer = StoreWriter.create(tmp_path / "s.zarr", LAYOUT, configuration={}, seed=4, software_version="test")
+    for shard in range(2):
+        writer.write_shard(shard, _rows(shard))
+    source = StoreSource(tmp_path / "s.zarr")
+    table = source.table()
+    for path in (tmp_path / "s.zarr" / "depth" / "c").rglob("*"):
+        if path.is_file():
+            path.write_bytes(path.read_bytes()[:-50])
+    with pytest.raises(StoreError) as caught:
+        list(batches(PairStream(source, table, size=64, passes=1, shuffled=False), 2, workers=1))
+    assert caught.value.code == "store_damaged" and "Traceback" not in str(caught.value)
+
+
 def test_a_store_of_tilted_pictures_alone_says_what_to_do(store: Path) -> None:
     table = StoreSource(store).table()
     with pytest.raises(InputError, match="odd number of --inclinations") as caught:

@@ -38,12 +38,14 @@ from services.patterns import NO_NUL, PRINTABLE
 router = APIRouter(prefix="/v1/fabrics", tags=["fabrics"])
 FABRICS_LOCK = 0x66616272
 """Under which fabrics are added one after the other (the letters 'fabr')."""
+MOST_TAGS = 4000
+"""Characters of a list of `ETag`s: caches send one for each variant that they keep."""
 State = Annotated[ServiceState, Depends(get_state)]
 Reader = Annotated[Caller, Depends(require(ApiScope.FABRICS_READ))]
 Writer = Annotated[Caller, Depends(require(ApiScope.FABRICS_WRITE))]
 FabricId = Annotated[str, Path(max_length=48, pattern=PRINTABLE, examples=["fab_0f3a5c7e9b1d2f4a6c8e0a1b3c5d7e9f"])]
 IfMatch = Annotated[
-    str | None, Header(alias="If-Match", max_length=200, description="`ETag` of the version that is meant.")
+    str | None, Header(alias="If-Match", max_length=MOST_TAGS, description="`ETag` of the version that is meant.")
 ]
 
 
@@ -121,7 +123,7 @@ def get_fabric(
     fabric_id: FabricId,
     state: State,
     caller: Reader,
-    if_none_match: Annotated[str | None, Header(max_length=200)] = None,
+    if_none_match: Annotated[str | None, Header(max_length=MOST_TAGS)] = None,
 ) -> Response:
     """Scope `fabrics:read`; answers with an `ETag`."""
     with state.database.read() as session:
