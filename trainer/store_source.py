@@ -59,7 +59,7 @@ class StoreSource:
         """Every picture of a simulation that came to rest, of finished shards."""
         store = self.store
         shard = np.arange(len(store)) // store.layout.rows_per_shard
-        usable = np.flatnonzero(store.ok & store.complete[shard])
+        usable = np.flatnonzero(store.ok)
         if not len(usable):
             raise InputError(
                 f"{self.url}: not one usable picture in {len(store)} rows; see `drapemeter dataset inspect`",
