@@ -104,7 +104,7 @@ class SetupDocument(_Model):
         if other is None:
             return self
         merged = {**self.model_dump(exclude_unset=True), **other.model_dump(exclude_unset=True)}
-        if self.pins_m and other.pins_m:
+        if self.pins_m is not None and other.pins_m is not None:
             scenes = dict.fromkeys((*self.pins_m, *other.pins_m))
             merged["pins_m"] = {s: {**self.pins_m.get(s, {}), **other.pins_m.get(s, {})} for s in scenes}
         return SetupDocument.model_validate(merged)

@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from capture.holes import drop_flying_pixels, fill_small_holes, step_share
 from capture.resample import View, resample
+from capture.setup import DEFAULT_PIN_RADIUS_M
 from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose, ray_directions
 from renderer.pose import check_pose
 from simcore.errors import InputError
@@ -56,12 +57,12 @@ class NetworkInput:
 def put_up_otherwise(setup: Setup) -> tuple[str, ...]:
     """In words, what of a set-up no network was shown, which knows nominal ones of square samples alone."""
     scale = length_scale(setup)
-    nominal = Setup.nominal(setup.scene, sample_size_m=setup.sample_size_m)
+    nominal = Setup.nominal(setup.scene, sample_size_m=setup.sample_size_m, pin_radius_m=setup.pin_radius_m)
     off = max(math.dist(place, nominal.pins_m[name]) for name, place in setup.pins_m.items())
     found = []
     if off > MOST_PIN_SHIFT * scale:
         found.append(f"pins of {setup.scene.value} are {1e3 * off:.0f} mm from the nominal ones")
-    usual = scale * nominal.pin_radius_m
+    usual = scale * DEFAULT_PIN_RADIUS_M
     if abs(setup.pin_radius_m - usual) > MOST_RADIUS_OFF * scale:
         found.append(f"magnets hold {1e3 * setup.pin_radius_m:.0f} mm round a corner, not {1e3 * usual:.0f}")
     if not setup.panel:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -231,8 +231,8 @@ class _Conclusion:
         ]
         judge = Judge(looks, self.workers)
 
-        def measure(of: Cause, *, known: bool = False) -> Measured | None:
-            return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known)
+        def measure(of: Cause, *, known: bool = False, without: Collection[str] = ()) -> Measured | None:
+            return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known, without=without)
 
         cause, measured = judged(cause, measure)
         if cause.named and measured is None:

@@ -38,17 +38,25 @@ class Component:
         low, high: range of its absolute value, in the effect's unit.
         signed: both signs occur.
         unit: its unit where it is not the effect's own.
+        most: the largest absolute value that there can be, as 1 of a share; fitted sizes may otherwise lie above
+            ``high``.
     """
 
     low: float
     high: float
     signed: bool = False
     unit: str | None = None
+    most: float = math.inf
 
     def __post_init__(self) -> None:
         if not 0.0 < self.low < self.high or not math.isfinite(self.high):
             raise InputError(
                 f"a size from {self.low:g} to {self.high:g}: give two positive numbers, the smaller one first",
+                code="effect_file",
+            )
+        if not self.most >= self.high:
+            raise InputError(
+                f"most={self.most:g} is below the largest usual size, {self.high:g}: give the same or more",
                 code="effect_file",
             )
 
@@ -116,7 +124,7 @@ class Effect:
         change: the change itself; use :meth:`apply`.
         vector: the components are those of a vector: a size below ``low`` in one of them is no contradiction, the
             whole vector's length is in the range.
-        random_repeats: the effect differs from repeat to repeat (scatter, not a shift).
+        random_repeats: the effect differs from repeat to repeat (scatter, not a shift); its places have a ``seed``.
         places: further components, set together: where or which way; simulated one after the other. The first one is
             the default.
         odds: how probable the places are, relative to each other; nothing: all alike.
@@ -175,6 +183,14 @@ class Effect:
             yield f"stage={stage!r}: give one of {', '.join(f'Stage.{known.name}' for known in Stage)}"
         if not self.components:
             yield "it has no components: give scalar(...) or vector(...)"
+        components: Mapping[str, object] = self.components
+        if not all(isinstance(component, Component) for component in components.values()):
+            yield "components: give scalar(...) or vector(...), which make them"
+            return
+        if not self.vanishes_at_zero and any(component.signed for component in self.components.values()):
+            yield "vanishes_at_zero=False: the larger, the weaker, which goes with sizes of one sign alone"
+        if self.vector and self.random_repeats:
+            yield "random_repeats: give a size of one number, not a vector"
         if not self.vector and list(self.components) != [SCALAR]:
             yield (
                 f"components {', '.join(self.components)}: give one number named {SCALAR} (scalar(...), its places "
@@ -186,12 +202,18 @@ class Effect:
         if not isinstance(places, tuple) or not all(isinstance(place, Mapping) for place in places):
             yield "places: give a tuple of mappings from name to number, such as ({'width_m': 0.02}, {'width_m': 0.04})"
             return
+        numbers: list[object] = [value for place in self.places for value in place.values()]
+        if not all(isinstance(value, int | float) and math.isfinite(value) for value in numbers):
+            yield "places: give each of their names a finite number"
+            return
         if self.vector and any(self.places):
             yield "a vector has no places: give it none, or one number in place of the vector"
         if not self.places or any(set(place) != set(self.places[0]) for place in self.places):
             yield "places: give at least one, all with the same names"
         if any(set(place) & set(self.components) for place in self.places):
             yield f"places: give their numbers other names than {', '.join(self.components)}"
+        if self.random_repeats and self.places and "seed" not in self.places[0]:
+            yield "random_repeats: give it places with a seed to draw from, such as ({'seed': 1.0}, {'seed': 2.0})"
         if self.odds and not (len(self.odds) == len(self.places) and all(0.0 < o < math.inf for o in self.odds)):
             yield f"odds: give {len(self.places)} positive numbers, one to each place"
         if not 0.0 <= self.alike < 1.0:
@@ -341,9 +363,9 @@ def not_negative(name: str, value: float) -> float:
     return value
 
 
-def scalar(low: float, high: float, *, signed: bool = False) -> Mapping[str, Component]:
-    """Components of an effect whose size is one number."""
-    return MappingProxyType({SCALAR: Component(low, high, signed)})
+def scalar(low: float, high: float, *, signed: bool = False, most: float = math.inf) -> Mapping[str, Component]:
+    """Components of an effect whose size is one number, in absolute value ``most`` at most."""
+    return MappingProxyType({SCALAR: Component(low, high, signed, most=most)})
 
 
 def vector(names: tuple[str, ...], low: float, high: float) -> Mapping[str, Component]:

@@ -108,6 +108,12 @@ def _claim(root: Path) -> Path:
             handle = (folder / "lock").open("w")
         except PermissionError:  # another user's, of a cache that several share
             continue
+        except OSError as error:
+            raise MissingResourceError(
+                f"{root}: no folder for compiled kernels can be there ({error.strerror}): set DRAPEMETER_KERNEL_CACHE "
+                "to a folder of your own",
+                code="kernel_cache",
+            ) from None
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from diagnosis.afresh.each_capture import each_capture
-from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
+from diagnosis.afresh.fresh import FreshLook, Sized, changes_pictures, is_mechanical
 from diagnosis.afresh.refinement import alike, leader
 from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effects import get_effect
@@ -35,7 +35,7 @@ def look_beside(
         The same fabrics; as they were where no effect on the cloth leads, or one on camera or sensor is named with it.
     """
     first = leader(cause)
-    others = [name for name in cause.named if not is_mechanical(get_effect(name))]
+    others = any(changes_pictures(name) for name in cause.named)
     if first is None or not is_mechanical(get_effect(first)) or others:
         return dict(looks)
     measured = partial(_measured, first=(first, cause.evidence[first].size))

@@ -57,6 +57,11 @@ def moves_camera(name: str) -> bool:
     return get_effect(name).stage is Stage.CAMERA
 
 
+def changes_pictures(name: str) -> bool:
+    """The effect is on camera or sensor."""
+    return get_effect(name).stage in (Stage.CAMERA, Stage.SENSOR)
+
+
 @dataclass
 class FreshLook:
     """Simulates effects from the states of one fabric's captures.
@@ -121,15 +126,17 @@ class FreshLook:
         changed = self.seen(capture, effects)
         best = capture.base
         if (changed.setup, changed.mechanics) != (scene.setup, scene.mechanics):
-            best = self._nearest(capture, changed, [name for name, _ in effects])
+            best = self._nearest(capture, changed, [name for name, _ in effects if get_effect(name).moves_cloth])
         if fabric is None or fabric == self.result.task.parameters:
             return best
         return self.simulator.proceed(best, fabric, changed)
 
     def distance(self, capture: CaptureResult, effects: Sequence[Sized]) -> float:
-        """Of a capture from that drape, through the camera that fits [m]."""
-        depth = self.task_of(capture).depth
-        return state_distance(depth, self.drape(capture, effects).drape, self.seen(capture, effects))
+        """Of a capture from that drape, through the camera that fits [m]; infinite where it diverged."""
+        drape = self.drape(capture, effects).drape
+        if not (drape.ok or np.isfinite(drape.vertices).all()):
+            return math.inf
+        return state_distance(self.task_of(capture).depth, drape, self.seen(capture, effects))
 
     def _nearest(self, capture: CaptureResult, changed: SimulationScene, names: Sequence[str]) -> KeyedDrape:
         """The search begins at states of the same effects at another size, else of all but the last, else of none."""
@@ -218,8 +225,12 @@ class FreshLook:
     def picture(
         self, capture: CaptureResult, effects: Sequence[Sized], fabric: FabricParameters | None = None
     ) -> NDArray[np.float32]:
-        """Ideal picture of that drape through the camera with effects on [m], [H, W]."""
-        return picture_of(self.drape(capture, effects, fabric).drape, with_effects(self.scene_of(capture), effects))
+        """Ideal picture of that drape through the camera with effects on [m], [H, W]; of the state without them where
+        it diverged.
+        """
+        drape = self.drape(capture, effects, fabric).drape
+        shown = drape if drape.ok or np.isfinite(drape.vertices).all() else capture.base.drape
+        return picture_of(shown, with_effects(self.scene_of(capture), effects))
 
     def change(self, capture: CaptureResult, effects: Sequence[Sized]) -> Array:
         """Change of a capture's shape-and-plane vector by effects, [cells + ring + 3]."""

@@ -141,7 +141,7 @@ def _known(look: FreshLook, effects: Sequence[Sized]) -> float:
     """Of the first capture from the nearest state that is known so far."""
     capture = first_capture(look, SCENE)
     assert capture is not None
-    return _beyond(look, capture, look.distance(capture, effects) if effects else capture.rms_m)
+    return _beyond(look, capture, look.distance(capture, effects))
 
 
 def _left(look: FreshLook, effects: Sequence[Sized]) -> tuple[float, float]:

@@ -123,6 +123,7 @@ def at_state(look: FreshLook, capture: CaptureResult, state: KeyedDrape, near: f
     scene = shown.scene
     seen = see_state(look.simulator, look.result.task, scene, state)
     look.coarse[capture.id] = seen.responses
+    look.beside.pop(capture.id, None)  # measured from another state
     return replace(
         capture,
         base=state,

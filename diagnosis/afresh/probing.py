@@ -7,12 +7,11 @@ from dataclasses import replace
 from functools import partial
 
 from diagnosis.afresh.each_capture import each_capture
-from diagnosis.afresh.fresh import FreshLook, is_mechanical
+from diagnosis.afresh.fresh import FreshLook, changes_pictures
 from diagnosis.afresh.further import leaves_much, look_further
 from diagnosis.afresh.once import Name
 from diagnosis.afresh.refinement import Weigh
 from diagnosis.afresh.side_by_side import side_by_side
-from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
 from diagnosis.simulation.responses import probe_responses
 from diagnosis.tasks.fabric_task import CaptureResult
@@ -55,7 +54,7 @@ def is_open(cause: Cause) -> bool:
     """Nothing is named, or what is answered is not sure and not in camera or sensor alone."""
     if cause.top == "none":
         return True
-    on_pictures = bool(cause.named) and not any(is_mechanical(get_effect(name)) for name in cause.named)
+    on_pictures = bool(cause.named) and all(changes_pictures(name) for name in cause.named)
     return not on_pictures and sum(cause.probabilities[name] for name in cause.named or (cause.top,)) <= SURE
 
 

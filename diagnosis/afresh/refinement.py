@@ -128,7 +128,7 @@ class Search:
 
 
 def _looked_again(look: FreshLook, wanted: Sequence[Sized], scene: str, through: tuple[Sized, ...]) -> FreshLook:
-    look = replace(look, through=through)
+    look = seen_through(look, through)
     return replace(look, result=freshen(look, wanted, scene))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from diagnosis.afresh.fresh import FreshLook, is_mechanical, moves_camera
 from diagnosis.afresh.once import Name
-from diagnosis.afresh.refinement import Search, Weigh
+from diagnosis.afresh.refinement import Search, Weigh, seen_through
 from diagnosis.afresh.together import SOLVED_NATS
 from diagnosis.effects import get_effect
 from diagnosis.groups import NOT_EFFECTS
@@ -53,7 +53,10 @@ def look_through(
     if not tried:
         return dict(looks)
     found = name([look.result for look in trial.values()])
-    return trial if tried & set(found.named) else dict(looks)
+    if not tried & set(found.named):
+        return dict(looks)
+    camera = tuple((named, found.size(named)) for named in found.named if moves_camera(named))
+    return {key: seen_through(look, camera) for key, look in trial.items()}
 
 
 def with_pictures(cause: Cause) -> list[Pair]:

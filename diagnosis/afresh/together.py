@@ -109,13 +109,13 @@ def with_both(look: FreshLook, capture: CaptureResult, pairs: Sequence[Pair]) ->
 
     Where the first effect alone, once the second is gone again, fits better than it was known to, it gets that too.
     """
-    beside = dict(capture.responses.beside)
     for pair in pairs:
         if not _on_one_sensor(pair) and look.without_last(capture, _both(pair)):
             look.sizes.setdefault(pair.first, []).append(pair.sizes[pair.first])
             capture = in_nearest_folds(look, capture, [(pair.first, pair.sizes[pair.first])])
             names = [name for name in look.sizes if name in capture.responses.effects]
             capture = replace(capture, responses=bent(look, capture, names))
+    beside = dict(capture.responses.beside)
     for pair in pairs:
         found = _sensed_with_both(look, capture, pair) if _on_one_sensor(pair) else _simulated(look, capture, pair)
         if found is not None:

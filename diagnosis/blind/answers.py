@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from capture.capture_set import CAPTURES_FILE, CaptureSet
 from diagnosis.blind.baselines import baseline_answers
 from diagnosis.blind.claims import Claims, alone
-from diagnosis.blind.classifier import Classifier, example_parts, features
+from diagnosis.blind.classifier import Classifier, example_parts, features, known_as_tried
 from diagnosis.blind.make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, MANIFEST_KEYS, case_name, is_sealed
 from diagnosis.blind.verify import verify
 from diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
@@ -125,12 +125,12 @@ def answer_cases(
                 if _is_answered(path):  # by another process, since we looked
                     continue
                 failed = path.with_suffix(".failed")
-                failed.unlink(missing_ok=True)
                 try:
                     if make is not None:
                         make(number)
                     if not is_sealed(out / name):
                         continue
+                    failed.unlink(missing_ok=True)
                     _answer(out, name, options, cache)
                 except DrapemeterError as error:  # seeds are fixed: it would stand in the way of all others for good
                     if not _is_of_this_case(error):
@@ -191,16 +191,33 @@ def _keep_examples(path: Path, found: Diagnosis) -> None:
     write_atomically(path, content.getvalue())
 
 
+def examples_of(other: Path, effects: Sequence[str]) -> list[dict[str, NDArray[np.float64]]]:
+    """What another check has to train a classifier on.
+
+    Raises:
+        InputError: it has not been scored, or by another version, whose effects were tried at other sizes or places.
+    """
+    examples = [_arrays(path) for path in sorted((other / EXAMPLES_FOLDER).glob("*.npz"))]
+    if not examples:
+        raise InputError(f"{other}: nothing to train on: run `drapemeter blind score` there first", code="blind_train")
+    known = [known_as_tried(one, effects) for one in examples]
+    there = [{name for name in effects if name in one} for one in examples]
+    if not known[0] or any(own != known[0] for own in (*known, *there)):
+        raise InputError(
+            f"{other}: its examples are of another version's effects, tried at other sizes or places: score a check "
+            "with this version",
+            code="blind_train",
+        )
+    return examples
+
+
 def classify(out: Path, other: Path, answers: Sequence[Answer], effects: Sequence[str]) -> list[Answer]:
     """Add what a plain classifier says that was trained on another check's fabrics and seeds.
 
     Raises:
-        InputError: the other check has not been scored.
+        InputError: see :func:`examples_of`.
     """
-    paths = sorted((other / EXAMPLES_FOLDER).glob("*.npz"))
-    if not paths:
-        raise InputError(f"{other}: nothing to train on: run `drapemeter blind score` there first", code="blind_train")
-    trained = Classifier.train([_arrays(path) for path in paths], effects)
+    trained = Classifier.train(examples_of(other, effects), effects)
     found = []
     for answer in answers:
         name = trained.effect(_arrays(out / EXAMPLES_FOLDER / f"{answer.name}.npz")["features"])

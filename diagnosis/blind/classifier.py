@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.measurement.reference import cell_centres
@@ -61,6 +62,16 @@ def _by_cell(block: Block, values: Array) -> Array:
     seen = np.bincount(block.cell, minlength=count)
     total = np.bincount(block.cell, values, minlength=count)
     return np.asarray(np.where(seen > 0, total / np.maximum(seen, 1), np.nan))
+
+
+def known_as_tried(parts: Mapping[str, Array], effects: Sequence[str]) -> frozenset[str]:
+    """Effects that :func:`example_parts` are of, as they are tried now: at as many sizes and places."""
+
+    def alike(effect: Effect) -> bool:
+        rows = parts.get(effect.name)
+        return rows is not None and len(rows) == len(node_weights(effect, effect.typical()))
+
+    return frozenset(name for name in effects if alike(get_effect(name)))
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,12 @@ class BlindPlan:
                 "fabrics, and a seed of 0 or more",
                 code="blind_plan",
             )
+        if "withheld" in draw_kinds(self) and not unknown_effects(self):
+            raise InputError(
+                f"of {', '.join(self.withhold)} captures show nothing that the effects left in the catalogue do not: "
+                "withhold another one, or all that are declared inseparable from it",
+                code="blind_plan",
+            )
         if "two" in draw_kinds(self) and len({group_of(e.name) for e in visible_effects(self)}) < 2:
             raise InputError(
                 "sets with two effects need effects of two declared groups: withhold fewer", code="blind_plan"
@@ -127,12 +133,19 @@ class Label:
 
 def visible_effects(plan: BlindPlan) -> list[Effect]:
     """What cases may have in them that the diagnosis knows and captures can show."""
+    return [e for name, e in sorted(catalogue().items()) if name not in plan.withhold and _shows(e, plan)]
+
+
+def unknown_effects(plan: BlindPlan) -> tuple[str, ...]:
+    """What cases may have in them that the diagnosis does not know: withheld, seen in captures, and with no declared
+    twin left, whose name would be right.
+    """
+    return tuple(n for n in plan.withhold if group_of(n) <= {*plan.withhold} and _shows(get_effect(n), plan))
+
+
+def _shows(effect: Effect, plan: BlindPlan) -> bool:
     scenes = [SimulationScene(Setup.nominal(scene)) for scene in plan.scenes]
-
-    def shows(effect: Effect) -> bool:
-        return any(effect.apply(scene, effect.typical()) != scene for scene in scenes)
-
-    return [e for name, e in sorted(catalogue().items()) if name not in (*plan.withhold, *INVISIBLE) and shows(e)]
+    return effect.name not in INVISIBLE and any(effect.apply(scene, effect.typical()) != scene for scene in scenes)
 
 
 def draw_kinds(plan: BlindPlan) -> list[str]:
@@ -161,7 +174,8 @@ def draw_label(number: int, plan: BlindPlan) -> Label:
             second = rng.choice(len(visible))
         return Label(kind, tuple((visible[k], visible[k].draw(rng)) for k in (int(first), int(second))))
     if kind == "withheld":
-        effect = get_effect(plan.withhold[turn % len(plan.withhold)])
+        unknown = unknown_effects(plan)
+        effect = get_effect(unknown[turn % len(unknown)])
         return Label(kind, ((effect, effect.draw(rng)),))
     if kind == "wrong_parameter":
         factor = float(np.exp(rng.uniform(np.log(1.8), np.log(3.0)))) ** (1 if rng.random() < 0.5 else -1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from diagnosis.effect import SCALAR, Effect, Size, Stage, scalar
+from diagnosis.effect import SCALAR, Effect, Size, Stage, not_negative, scalar
 from diagnosis.scene import SimulationScene
 from simcore.errors import InputError
 from simcore.mechanics import FrozenCurvature
@@ -12,7 +12,7 @@ def change(scene: SimulationScene, size: Size) -> SimulationScene:
     """A random frozen curvature; another one in every repeat."""
     if size["seed"] < 0.0 or size["seed"] != int(size["seed"]) or size["seed"] >= 2.0**63:
         raise InputError(f"seed:{size['seed']:g} is none: give a whole number of 0 or more", code="effect_magnitude")
-    field = FrozenCurvature(amplitude=size[SCALAR], seed=int(size["seed"]))
+    field = FrozenCurvature(amplitude=not_negative("bending_hysteresis", size[SCALAR]), seed=int(size["seed"]))
     return scene.with_mechanics(rest_curvature=(*scene.mechanics.rest_curvature, field))
 
 

@@ -7,15 +7,16 @@ from diagnosis.scene import SimulationScene
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
-    """Share of pixels, scattered."""
-    return scene.with_sensor(dropout=size[SCALAR])
+    """Share of the pixels that the sensor reads otherwise, scattered."""
+    known = scene.sensor.dropout
+    return scene.with_sensor(dropout=known + size[SCALAR] * (1.0 - known))
 
 
 EFFECT = Effect(
     name="dropout",
     stage=Stage.SENSOR,
     unit="1",
-    components=scalar(0.01, 0.10),
+    components=scalar(0.01, 0.10, most=1.0),
     summary="A share of the pixels has no data.",
     hook="sensor.dropout",
     source="Confidence thresholds of depth cameras.",

@@ -9,11 +9,20 @@ from numpy.typing import NDArray
 
 from diagnosis.effect import SCALAR, Effect, Size, Stage, Twin, scalar
 from diagnosis.scene import SimulationScene
+from simcore.errors import InputError
 from simcore.scenes import GRAVITY_M_S2
+
+MOST_DEG = 90.0
+"""A panel that lies on its back or its face."""
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
     """Gravity turned in the panel frame: positive, it leans back and the cloth is pressed to it."""
+    if not abs(size[SCALAR]) <= MOST_DEG:
+        raise InputError(
+            f"panel_tilt {size[SCALAR]:g} is out of range: give degrees from -{MOST_DEG:g} to {MOST_DEG:g}",
+            code="effect_magnitude",
+        )
     gx, gy, gz = scene.mechanics.gravity
     angle = math.radians(size[SCALAR])
     cosine, sine = math.cos(angle), math.sin(angle)

@@ -90,6 +90,7 @@ class Cause:
             (:func:`diagnosis.inference.larger.usual_square`); None where that was not looked at.
         likelihood: log likelihood of the captures' shapes and shared numbers, over all explanations.
         errors: that it was weighed under (:mod:`diagnosis.inference.granted`).
+        pair_share: of all pairs' probability, the best one's, with those in which declared twins stand for its effects.
     """
 
     probabilities: Mapping[str, float]
@@ -102,6 +103,7 @@ class Cause:
     left: float | None = None
     likelihood: float = -np.inf
     errors: NoiseModel = NoiseModel()
+    pair_share: float = 1.0
 
     @property
     def top(self) -> str:
@@ -170,6 +172,11 @@ class Cause:
         calm = {name: self.probabilities[name] + 1e-300 for name in NOT_EFFECTS}
         given = {name: lost * value / sum(calm.values()) for name, value in calm.items()} | {self.top: -lost}
         return {name: p + given.get(name, 0.0) for name, p in self.probabilities.items()}
+
+    @property
+    def both_probability(self) -> float:
+        """That the best pair's two effects, or declared twins of them, are both there."""
+        return self.pair_probability * self.pair_share
 
     def size(self, name: str) -> Mapping[str, float]:
         """Fitted size of a named effect."""
@@ -347,8 +354,20 @@ def _weigh(
     others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
     factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
     best = pairs[int(np.argmax(two))] if pairs else None
-    pair_probability = float(np.exp(np.array(two) - total).sum())
-    return Cause(probabilities, evidence, float(factor), best, pair_probability, alone, likelihood=total)
+    masses = np.exp(np.array(two) - total)
+    own = [best is not None and pair.is_as(best) for pair in pairs]
+    pair_share = float(masses[own].sum() / masses.sum()) if masses.sum() > 0.0 else 1.0
+    pair_probability = float(masses.sum())
+    return Cause(
+        probabilities,
+        evidence,
+        float(factor),
+        best,
+        pair_probability,
+        alone,
+        likelihood=total,
+        pair_share=pair_share,
+    )
 
 
 def shared(alone: Mapping[str, float], pairs: Sequence[Pair], two: Sequence[float]) -> dict[str, float]:

@@ -47,6 +47,11 @@ class Pair:
     sizes: Mapping[str, Mapping[str, float]]
     evidence: Evidence
 
+    def is_as(self, other: Pair) -> bool:
+        """Of the same two effects, or of declared twins of them."""
+        ways = ((other.first, other.second), (other.second, other.first))
+        return any(self.first in group_of(one) and self.second in group_of(two) for one, two in ways)
+
 
 @dataclass(frozen=True)
 class AsHeld:

@@ -72,9 +72,10 @@ def make_reference(drape: Drape, scene: SimulationScene, *, least_pixels: int = 
     index = np.minimum((place * CELLS).astype(np.int32), CELLS - 1)
     cell = np.where(seen.cloth, index[..., 1] * CELLS + index[..., 0], -1).astype(np.int32)
     panel = (seen.depth > 0) & ~seen.cloth
+    oblong = scene.camera.fx / scene.camera.fy  # height of a pixel over its width
     if seen.cloth.any():
         width = RING_SHARE * max(mesh.size_m) * scene.camera.fx / float(np.median(seen.depth[seen.cloth]))
-        distance, nearest = ndimage.distance_transform_edt(~seen.cloth, return_indices=True)
+        distance, nearest = ndimage.distance_transform_edt(~seen.cloth, sampling=(oblong, 1.0), return_indices=True)
         ring = ~seen.cloth & (distance <= width)
         at = place[nearest[0][ring], nearest[1][ring]]
         cell[ring] = CELLS * CELLS + _side_cell(at)
@@ -86,7 +87,8 @@ def make_reference(drape: Drape, scene: SimulationScene, *, least_pixels: int = 
     total = CELLS * CELLS + 4 * RING_CELLS
     height = _height(seen.depth, scene, seen.cloth)
     pixel = seen.depth / scene.camera.fx
-    gradient = np.hypot(*_differences(seen.depth)) / np.maximum(pixel, 1e-6)
+    to_the_left, to_the_top = _differences(seen.depth)
+    gradient = np.hypot(to_the_left, to_the_top / np.float32(oblong)) / np.maximum(pixel, 1e-6)
     steep = np.minimum(np.nan_to_num(gradient), 3.0)
     slope = _cell_mean(np.where(seen.cloth, steep, 0.0), cell, total)
     return Reference(

@@ -91,8 +91,8 @@ def _head(effects: Mapping[str, Effect]) -> list[str]:
         "**Size** is what is believed beforehand: log-uniform over this range of absolute values, ± where both signs "
         "occur. A vector's range is that of its length, and all directions are equally probable. Sizes outside can be "
         "simulated, but are seldom believed. **Place** is what an effect has beside its size: where or which way it "
-        "acts. A diagnosis tries those that are listed, all equally probable; others can be simulated. Where none is "
-        "given, it is the first.",
+        "acts. A diagnosis tries those that are listed, equally probable where nothing else is said; others can be "
+        "simulated. Where none is given, it is the first.",
         "",
         "A command takes an effect as in `drapemeter simulate --effect crease=1.2`: a number, or components by name "
         "with commas between them, `crease=magnitude:1.2,down:0`. Components of a vector that are not given are zero.",
@@ -135,7 +135,14 @@ def _places(effect: Effect) -> str:
         return ""
     tried = [",".join(f"{key}:{value:g}" for key, value in place.items()) for place in effect.tried]
     last = f"{effect.name}={SCALAR}:{_middle(effect)},{tried[-1]}"
-    return f"Place: {effect.where}. Tried: {', '.join(f'`{place}`' for place in tried)}; the last in full: `{last}`. "
+    shares = effect.tried_shares
+    likely = [f"`{place}`" for place, share in zip(tried, shares, strict=True) if share == shares.max()]
+    odds = shares.max() / shares.min()
+    more = "" if odds == 1.0 else f"; {' and '.join(likely)} {odds:g} times as probable as each of the others"
+    return (
+        f"Place: {effect.where}. Tried: {', '.join(f'`{place}`' for place in tried)}{more}; "
+        f"the last in full: `{last}`. "
+    )
 
 
 def _written(effect: Effect) -> str:

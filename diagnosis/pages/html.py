@@ -90,8 +90,13 @@ def _bars(diagnosis: Diagnosis) -> list[tuple[str, float, str]]:
 
 
 def _has_repeats(diagnosis: Diagnosis) -> bool:
-    """Something was captured twice; what is told as the scatter of repeats is that of the model otherwise."""
-    return any(len(block.captures) > 1 for block in diagnosis.blocks)
+    """What is held out was captured twice; what is told as the scatter of repeats is that of the model otherwise."""
+    found = diagnosis.report.shrinkage
+    if found is not None and found.unit != "mm":
+        return False
+    scenes = {block.scene for block in diagnosis.blocks}
+    judged = "stretch" if "stretch" in scenes else "hanging"
+    return any(len(block.captures) > 1 for block in diagnosis.blocks if block.scene == judged)
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -102,7 +107,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     alike = sorted({twin for name in names for twin in group_of(name) if cause.probabilities.get(twin, 0.0) >= TOLD})
     top, p = " with ".join(names), sum(cause.probabilities[name] for name in dict.fromkeys([*names, *alike]))
     if len(names) == 2:  # of both, not of one or the other
-        p = diagnosis.cause.pair_probability
+        p = diagnosis.cause.both_probability
     twins = [twin for twin in alike if twin not in names]
     gap = _gap_text(report)
     if p < 0.5:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -52,16 +52,18 @@ class Judge:
         side_by_side(work, [self.looks[fabric] for fabric in effects], self.workers)
 
     def response(self, block: Block, effects: Sequence[Sized]) -> Array:
-        """Change of a block's measurements by effects together [m], [n]."""
+        """Change of a block's measurements by effects together [m], [n]; as known where that does not come to rest."""
         shown = on_shapes(effects)
         if not shown:
             return np.zeros(len(block.owner))
         look = self.looks.get(block.fabric)
         if look is None:
             return block.metres(whitened(block, shown))
-        own = {c.id: c for c in look.result.captures}
-        changes = np.stack([look.change(own[name], shown) for name in block.captures])
-        return np.asarray(changes[block.owner, block.cell])
+        own = [{c.id: c for c in look.result.captures}[name] for name in block.captures]
+        drapes = [look.drape(capture, shown) for capture in own]
+        rest = np.array([d is c.base or d.drape.ok for d, c in zip(drapes, own, strict=True)])
+        changes = np.stack([look.change(capture, shown) for capture in own])[block.owner, block.cell]
+        return changes if rest.all() else np.where(rest[block.owner], changes, block.metres(whitened(block, shown)))
 
 
 def _simulate(look: FreshLook, captures: Sequence[str], effects: Mapping[str, Sequence[Sized]]) -> None:
@@ -136,6 +138,7 @@ class Held:
         squares: mean squares before, after, of the floor and after the control, by region, ``all`` last [m²],
             [regions, 4].
         before, after: refitted parameters, in stated standard deviations, without and with the effects, [7].
+        repeated: the floor is what repeats scatter by, not what errors are expected to make.
     """
 
     block: Block
@@ -143,6 +146,7 @@ class Held:
     squares: Array
     before: Array
     after: Array
+    repeated: bool = False
 
 
 @dataclass(frozen=True)
@@ -169,6 +173,7 @@ def measure_shrinkage(
     judge: Judge = Judge({}),
     *,
     known: bool = False,
+    without: Collection[str] = (),
 ) -> Measured | None:
     """Fold by fold: each is judged with the effect named and fitted on the others.
 
@@ -184,6 +189,7 @@ def measure_shrinkage(
         model: see there.
         judge: simulates what is found.
         known: what is named on everything is taken as known; only its sizes are fitted on the others.
+        without: effects that were refuted: they are not named on the others either.
 
     Returns:
         None when no effect is named or nothing can be held out.
@@ -203,9 +209,10 @@ def measure_shrinkage(
     seen: list[Held] = []
     wrong: list[str] = []
     causes: dict[str, Cause] = {}
+    tried = tuple(name for name in effects if name not in without)
     turns = {fold.name: fold for fold in folds if any(block is one for block in fold.held for one in judged)}
     for name, fold in turns.items():
-        causes[name] = name_cause(effects, fold.rest, fold.rest_pixels, model, pairs=len(cause.named) > 1)
+        causes[name] = name_cause(tried, fold.rest, fold.rest_pixels, model, pairs=len(cause.named) > 1)
     sizes = {name: found.sized_as(cause.named) if known else sized(found) for name, found in causes.items()}
     if not in_numbers:
         judge.prepare(judged, sizes)
@@ -300,7 +307,8 @@ def hold_out(
         least = float(np.mean(before.variance[chosen])) if floor is None else floor
         squares = [float(np.mean(found.left[chosen] ** 2)) for found in (before, after, control)]
         rows.append([squares[0], squares[1], least, squares[2]])
-    return Held(block, tuple(effects), np.array(rows), before.deviation, after.deviation)
+    repeated = len(repeats.captures) > 1
+    return Held(block, tuple(effects), np.array(rows), before.deviation, after.deviation, repeated)
 
 
 def _unmoved(block: Block, effects: Sequence[Sized]) -> Held:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Protocol
 
@@ -38,9 +39,12 @@ leaves, the fabric that speaks most for it left out: 0.09 of one that was not th
 
 
 class Measure(Protocol):
-    """How far the gap shrinks with what is named; ``known``: names are not sought again without what is held out."""
+    """How far the gap shrinks with what is named.
 
-    def __call__(self, of: Cause, *, known: bool = False) -> Measured | None: ...
+    ``known``: names are not sought again without what is held out; ``without``: nor are these, which were refuted.
+    """
+
+    def __call__(self, of: Cause, *, known: bool = False, without: Collection[str] = ()) -> Measured | None: ...
 
 
 def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
@@ -59,9 +63,11 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
             doubted = cause.second_doubted(times)
             measured = measured if doubted.named == cause.named else measure(doubted)
             cause = doubted
+    refuted: set[str] = set()
     while measured is not None and is_refuted(measured):  # ends: none and unknown get what effects lose
+        refuted.add(cause.top)
         cause = cause.refuted()
-        measured = measure(cause) if cause.named else None
+        measured = measure(cause, without=refuted - set(cause.named)) if cause.named else None
     if measured is not None and measured.shrinkage.simulated_afresh and _names_one_on_the_cloth(cause):
         for closed, most in LITTLE:
             if measured.shrinkage.fraction < closed:
@@ -77,7 +83,9 @@ def _times_doubted(cause: Cause, measured: Measured, measure: Measure) -> int:
     if not set(single.named) & set(cause.named) or not all(is_mechanical(get_effect(n)) for n in cause.named):
         return 0
     both, alone = measure(cause, known=True), measure(single, known=True)
-    return 0 if both is None or alone is None else times_needless(both.shrinkage, alone.shrinkage)
+    if both is None or alone is None:
+        return 0
+    return times_needless(both.shrinkage, alone.shrinkage, repeated=any(held.repeated for held in alone.held))
 
 
 def _names_one_on_the_cloth(cause: Cause) -> bool:
@@ -148,14 +156,14 @@ def _others(measured: Measured, fabric: str | None) -> Array:
     return np.stack([held.squares[-1] for held in measured.held if held.block.fabric != fabric])
 
 
-def times_needless(together: Shrinkage, alone: Shrinkage) -> int:
+def times_needless(together: Shrinkage, alone: Shrinkage, *, repeated: bool = True) -> int:
     """How often simulations afresh, held against captures that were held out, say that one effect does as well as two.
 
     Once where both leave about as much as one; twice where one leaves hardly more than repeats scatter, whatever both
-    leave: what repeats do by chance needs no cause.
+    leave: what repeats do by chance needs no cause. Where nothing was ``repeated`` that is not known.
     """
     if not (together.simulated_afresh and alone.simulated_afresh):
         return 0
-    if alone.repeats is not None and alone.after <= HARDLY_MORE * alone.repeats:
+    if repeated and alone.repeats is not None and alone.after <= HARDLY_MORE * alone.repeats:
         return 2
     return 1 if together.after > NEEDED * alone.after else 0

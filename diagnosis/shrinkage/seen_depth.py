@@ -114,6 +114,7 @@ def _seen(look: FreshLook, capture: CaptureResult, effects: Sequence[Sized]) -> 
         depth_scale=scene.sensor.depth_scale,
         depth_bias_m=scene.sensor.depth_bias_m,
         smoothing_px=scene.sensor.smoothing_px,
+        filter_px=scene.sensor.filter_px,
     )
     return sensor.apply(look.picture(capture, effects), np.random.default_rng(0), camera=scene.camera)
 

@@ -49,7 +49,7 @@ def nearest_state(
         raise SimulationError(
             f"no drape of this fabric can be simulated: {candidates[0].drape.reason}", code="diverged"
         )
-    known = _distinct(finite)
+    known = _distinct(sorted(finite, key=lambda state: not state.drape.ok))  # at rest before the same that is not
     scored = [(state_distance(depth, c.drape, scene), n, c) for n, c in enumerate(known)]
     best = min(scored)[2]
     name = scene.setup.scene.value
@@ -60,7 +60,7 @@ def nearest_state(
             break
         led = simulator.led(start, fabric, scene, depth)
         if led.drape.ok:
-            led = next((k for k in known if vertex_rms(k.drape, led.drape) < SAME_STATE_M), led)
+            led = next((k for k in known if k.drape.ok and vertex_rms(k.drape, led.drape) < SAME_STATE_M), led)
             scored.append((state_distance(depth, led.drape, scene), len(scored), led))
     usable = [entry for entry in scored if entry[2].drape.ok] or scored
     rms, _, best = min(usable)

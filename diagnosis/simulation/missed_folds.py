@@ -7,10 +7,8 @@ magnets that are off, which are then brought to where they are stated.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
-from diagnosis.measurement.picture import noise_square
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from simcore.mechanics import Jitter
@@ -23,22 +21,22 @@ MISSED_M, MISSED_ALONE_M = 0.001, 0.002
 """Beyond its best repeat, or beyond the sensor's noise where it has none, a capture's distance from its state."""
 
 
-def is_missed(distance_m: float, repeats_m: Sequence[float], scene: SimulationScene) -> bool:
+def is_missed(square_m2: float, repeats_m2: Sequence[float], scene: SimulationScene) -> bool:
     """Whether a capture shows folds that were not found.
 
     What an effect or a wrong parameter does it does to all repeats; what is far from its state in one alone fell
     otherwise. In ``hanging`` folds are noise.
 
     Args:
-        distance_m: of the capture from its state.
-        repeats_m: the same of all repeats, itself included.
+        square_m2: of the capture's distance from its state, less the sensor's noise, which need not be the same in all.
+        repeats_m2: the same of all repeats, itself included.
         scene: of the capture.
     """
     if scene.setup.scene.value != "stretch":
         return False
-    if len(repeats_m) < 2:
-        return distance_m > math.sqrt(noise_square(scene) + MISSED_ALONE_M**2)
-    return distance_m > math.hypot(min(repeats_m), MISSED_M)
+    if len(repeats_m2) < 2:
+        return square_m2 > MISSED_ALONE_M**2
+    return square_m2 > min(repeats_m2) + MISSED_M**2
 
 
 def further_states(

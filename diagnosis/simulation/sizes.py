@@ -110,9 +110,11 @@ def vector_step(effect: Effect) -> float:
 
 
 def grid(effect: Effect) -> NDArray[np.float64]:
-    """Sizes over which a scalar effect is marginalised; from half the prior's least to 1.3 times its largest."""
+    """Sizes over which a scalar effect is marginalised; from half the prior's least to 1.3 times its largest, or to the
+    largest that there can be.
+    """
     component = next(iter(effect.components.values()))
-    low, high = 0.5 * component.low, 1.3 * component.high
+    low, high = 0.5 * component.low, min(1.3 * component.high, component.most)
     if component.signed:
         half = np.geomspace(low, high, GRID_POINTS // 2)
         return np.concatenate([-half[::-1], half])

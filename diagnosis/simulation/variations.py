@@ -132,6 +132,8 @@ class Variations:
         drape = self.simulator.proceed(
             self.state, self.fabric, self.scene.with_setup(replace(setup, pin_radius_m=other))
         )
+        if not np.isfinite(drape.drape.vertices).all():  # it diverged: nothing can be said
+            return {"grip": np.zeros(len(self.base))}
         return {"grip": clean(measure(picture_of(drape.drape, self.scene), self.reference, with_pixels=False).vector())}
 
     def probes(self) -> dict[str, Array]:

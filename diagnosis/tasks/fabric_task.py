@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.measurement.features import Features, measure
-from diagnosis.measurement.picture import picture_of
+from diagnosis.measurement.picture import noise_square, picture_of
 from diagnosis.measurement.reference import Reference, make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.base_state import nearest_state
@@ -24,6 +24,7 @@ from simcore.errors import InputError
 from simcore.mechanics import Jitter
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
+from simcore.scenes import Setup
 
 BASE_JITTER = Jitter(force_weights=1.0, pin_m=0.0, placement_m=0.02)
 BASE_SEEDS = {"hanging": 4, "stretch": 2}
@@ -106,6 +107,7 @@ class CaptureResult:
         pose_known: the set states the camera's pose.
         warps: see :func:`diagnosis.simulation.warps.warp_responses`.
         pose: see :func:`diagnosis.simulation.pose_error.pose_responses`.
+        noise_m2: what of the square of ``rms_m`` the sensor's noise is said to make [m²].
     """
 
     id: str
@@ -122,6 +124,7 @@ class CaptureResult:
     pose_known: bool
     warps: NDArray[np.float64]
     pose: NDArray[np.float64] | None = None
+    noise_m2: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -201,6 +204,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                     capture.pose_known,
                     state.warps,
                     pose_responses(drape.drape, capture.scene, state.reference, capture.pose_error_m),
+                    noise_square(capture.scene),
                 )
             )
     return FabricResult(task, tuple(results), simulator.cost)
@@ -213,16 +217,22 @@ def find_states(
 
     Where one repeat is far from any, it is sought again among more (:mod:`diagnosis.simulation.missed_folds`).
     """
-    found: dict[str, float] = {}
+    found: list[tuple[Setup, str, float]] = []
     nearest = []
     for capture in captures:
-        drape, rms = find_state(simulator, task, capture, found)
-        found[drape.key] = min(rms, found.get(drape.key, rms))
+        setup = capture.scene.setup  # states of another one say nothing of this one's
+        known: dict[str, float] = {}
+        for other, key, rms in found:
+            if other == setup:
+                known[key] = min(rms, known.get(key, rms))
+        drape, rms = find_state(simulator, task, capture, known)
+        found.append((setup, drape.key, rms))
         nearest.append((drape, rms))
-    distances = [rms for _, rms in nearest]
+    beyond = [rms**2 - noise_square(c.scene) for (_, rms), c in zip(nearest, captures, strict=True)]
     for number, capture in enumerate(captures):
-        if is_missed(distances[number], distances, capture.scene):
-            nearest[number] = find_state(simulator, task, capture, further=True)
+        if is_missed(beyond[number], beyond, capture.scene):
+            again = find_state(simulator, task, capture, further=True)
+            nearest[number] = min(nearest[number], again, key=lambda one: (not one[0].drape.ok, one[1]))
     return nearest
 
 

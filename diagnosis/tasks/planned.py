@@ -10,7 +10,7 @@ from capture.capture_set import Capture, CaptureSet
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
 from diagnosis.tasks.meshing import cell_size, on_cells
-from diagnosis.tasks.preparation import prepare_tasks, sensor_known, sensor_model, stated_parameters
+from diagnosis.tasks.preparation import in_order, prepare_tasks, sensor_known, sensor_model, stated_parameters
 from simcore.errors import InputError
 
 NAMED = 3
@@ -35,7 +35,7 @@ def planned_tasks(captures: CaptureSet, effects: Sequence[str], resolution_m: fl
     wanting = _not_stated(captures)
     if not wanting:
         return [
-            _task(captures.of_fabric(name), effects, resolution_m)
+            _task(in_order(captures.of_fabric(name)), effects, resolution_m)
             for name in captures.fabrics
             if captures.of_fabric(name)
         ]

@@ -57,8 +57,7 @@ def prepare_tasks(
     assumed = list(not_stated(captures))
     tasks = []
     for fabric_id, fabric in captures.fabrics.items():
-        # which fold states a capture finds depends on those sought before: in an order that no file decides
-        own = sorted(captures.of_fabric(fabric_id), key=lambda c: (c.scene.value, c.repeat, c.id))
+        own = in_order(captures.of_fabric(fabric_id))
         if not own:
             continue
         own = once_each(own, prepared, assumed)
@@ -120,6 +119,13 @@ def pose_error(ready: PreparedCapture, prepared: Iterable[PreparedCapture]) -> f
     pose = ready.registration.camera_from_panel
     shared = [p for p in prepared if np.array_equal(p.registration.camera_from_panel, pose)]
     return BY_CORNERS_M if any(p.capture.scene is Scene.HANGING for p in shared) else BY_OUTLINE_M
+
+
+def in_order(own: Iterable[Capture]) -> list[Capture]:
+    """A fabric's captures: which cells they are simulated on, and which fold states one of them finds, depends on
+    those before it, so that no file decides their order.
+    """
+    return sorted(own, key=lambda c: (c.scene.value, c.repeat, c.id))
 
 
 def _compared(ready: PreparedCapture, scene: SimulationScene) -> NDArray[np.float32]:

@@ -98,7 +98,7 @@ def score(
     Example:
       drapemeter blind score check/ --page check.md
     """
-    from diagnosis.blind.answers import REPORTS_FOLDER, read_manifest
+    from diagnosis.blind.answers import REPORTS_FOLDER, examples_of, read_manifest
     from diagnosis.blind.page import render_page
     from diagnosis.blind.score import score as count
     from renderer.atomic import write_atomically
@@ -106,7 +106,9 @@ def score(
     if workers < 1:
         raise InputError(f"{workers} workers: give 1 or more", code="workers")
     manifest = read_manifest(out)
-    _check_places(out, page, train)
+    _check_places(out, page)
+    if train is not None:
+        examples_of(train, _effects(manifest))  # which is known before anything is diagnosed
     answers = _answers(out, manifest, workers, 60.0 * minutes or math.inf, make_missing)
     if train is not None:
         answers = _classified(out, manifest, answers, train)
@@ -122,16 +124,12 @@ def score(
     console.say(f"named right {result.top1}; stage {result.stage}; alarms without cause {result.false_alarms}")
 
 
-def _check_places(out: Path, page: Path | None, train: Path | None) -> None:
-    """Refuse what could not be read or written after the diagnoses.
+def _check_places(out: Path, page: Path | None) -> None:
+    """Refuse what could not be written after the diagnoses.
 
     Raises:
-        InputError: nothing to train on, or a place that cannot be written to.
+        InputError: a place that cannot be written to.
     """
-    from diagnosis.blind.answers import EXAMPLES_FOLDER
-
-    if train is not None and not any((train / EXAMPLES_FOLDER).glob("*.npz")):
-        raise InputError(f"{train}: nothing to train on: run `drapemeter blind score` there first", code="blind_train")
     if page is not None:
         check_file(page)
     check_folder(out, "give a folder that can be written to")
@@ -157,10 +155,15 @@ def _answers(out: Path, manifest: dict[str, Any], workers: int, seconds: float, 
 def _classified(out: Path, manifest: dict[str, Any], answers: list[Answer], train: Path) -> list[Answer]:
     """The answers with those of a plain classifier that another check taught."""
     from diagnosis.blind.answers import classify
+
+    return classify(out, train, answers, _effects(manifest))
+
+
+def _effects(manifest: dict[str, Any]) -> list[str]:
+    """That the diagnosis knows."""
     from diagnosis.effects import catalogue
 
-    effects = [name for name in catalogue() if name not in manifest["withhold"]]
-    return classify(out, train, answers, effects)
+    return [name for name in catalogue() if name not in manifest["withhold"]]
 
 
 def _tell_left_out(reports: Path) -> None:

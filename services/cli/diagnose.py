@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
     from diagnosis.atlas import PartSolver
     from diagnosis.diagnose import Diagnosis, DiagnosisOptions
-    from diagnosis.extension import SimulatorExtension
     from diagnosis.isolability import Isolability
     from diagnosis.separation import Separation
     from diagnosis.simulation.drape_cache import DrapeCache
@@ -153,6 +152,7 @@ def _diagnose(
     from diagnosis.extension import SimulatorExtension
     from diagnosis.pages.html import render_html, sentence
     from renderer.atomic import write_atomically
+    from services.cli.diagnose_apply import doubts, held_m
 
     with console.progress("simulating", total=_shown(captures)) as bar:
         found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
@@ -164,9 +164,9 @@ def _diagnose(
     document = found.report.as_json()
     write_atomically(out / REPORT, (json.dumps(to_plain(document), indent=1, allow_nan=False) + "\n").encode())
     if apply:
-        made = SimulatorExtension.of(found.report, _pin_radius(captures, found))
+        made = SimulatorExtension.of(found.report, held_m(found))
         made.save(out / SIMULATOR)
-        for line in _doubts(made, found):
+        for line in doubts(made, found):
             console.note(f"{out / SIMULATOR}: {line}")
     elif _is_own(out / SIMULATOR) and earlier:
         (out / SIMULATOR).unlink()
@@ -179,32 +179,6 @@ def _diagnose(
     console.say(sentence(found))
     _say_probabilities(found)
     console.say(f"{out / REPORT}, {out / PAGE}")
-
-
-def _pin_radius(captures: CaptureSet, found: Diagnosis) -> float | None:
-    """What magnets hold: as found, else as stated where it is not the nominal."""
-    from simcore.scenes import Setup
-
-    if found.pin_radius_m is not None:
-        return found.pin_radius_m
-    stated = {capture.setup.pin_radius_m for capture in captures.captures}
-    nominal = Setup.nominal("hanging").pin_radius_m
-    return stated.pop() if len(stated) == 1 and nominal not in stated else None
-
-
-def _doubts(made: SimulatorExtension, found: Diagnosis) -> list[str]:
-    """What whoever simulates with a simulator file should know of it."""
-    from services.dataset.extension import moves_panel
-
-    probabilities = found.report.cause.probabilities
-    lines = []
-    if not made.effects:
-        lines.append("nothing is named, so it adds no effect to the simulation")
-    elif (p := sum(probabilities[effect.name] for effect in made.effects)) < 0.5:
-        lines.append(f"what it adds has probability {p:.2f} only")
-    moved = [effect.name for effect in made.effects if moves_panel(effect)]
-    lines += [f"{name} moves the panel in pictures, so that `drapemeter dataset` will refuse it" for name in moved]
-    return lines
 
 
 def _say_probabilities(found: Diagnosis) -> None:

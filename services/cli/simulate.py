@@ -65,7 +65,7 @@ def simulate(
       drapemeter simulate --scene hanging --parameters p.json --effect air_draft=0.3 --out a.ply --capture-set drafty
     """
     from services.cli.plates import note_raised_bias
-    from services.cli.simulate_files import CapturePlan, check_outputs, files_written, take_picture
+    from services.cli.simulate_files import CapturePlan, check_outputs, check_picture, files_written, take_picture
     from simcore.mesh import GridMesh
     from simcore.parameters import FabricParameters
 
@@ -74,7 +74,9 @@ def simulate(
     pictured = depth is not None or capture_set is not None
     nominal, changed = build_scene(scene, effect, cloth, seed, pictured=pictured, pin_radius_m=pin_radius)
     mesh = GridMesh(resolution)
-    check_outputs(out, depth)
+    check_outputs(out, depth, parameters)
+    if pictured:
+        check_picture(changed)
     note_raised_bias([(str(parameters), cloth)])
     place = None if capture_set is None else CapturePlan(capture_set, fabric or parameters.stem, cloth, nominal)
     if place is not None:
@@ -161,10 +163,13 @@ def gives_seed(text: str) -> bool:
 
 def report(drape: Drape, out: Path, json_output: bool) -> None:
     """Print how it went."""
+    from simcore.drape import DrapeStatus
+
     if json_output:
         console.emit_json({name: getattr(drape, name) for name in RESULT_NAMES})
         return
+    written = "" if drape.status is DrapeStatus.DIVERGED else f" -> {out}"
     console.say(
         f"{drape.status}: residual {drape.residual:.1e} vertex weights, energy {drape.energy:.6g} J, "
-        f"{drape.iterations} iterations, {drape.seconds:.2f} s -> {out}"
+        f"{drape.iterations} iterations, {drape.seconds:.2f} s{written}"
     )

@@ -44,21 +44,45 @@ class OnePicture(DepthSource):
         yield self._counts
 
 
-def check_outputs(out: Path, depth: Path | None) -> None:
-    """Refuse early what could not be written later.
+def check_outputs(out: Path, depth: Path | None, parameters: Path) -> None:
+    """Refuse early what could not be written later, or would take the place of the input.
 
     Raises:
-        InputError: a folder is not there or cannot be written to, a path is a folder, or both are the same file.
+        InputError: a folder is not there or cannot be written to, a path is a folder, or two are the same file.
     """
     for path in (out,) if depth is None else (out, depth):
-        if not path.absolute().parent.is_dir():
+        real = Path(os.path.realpath(path))  # where a link leads
+        if not real.parent.is_dir():
             raise InputError(f"{path}: its folder does not exist; make it first", code="folder_missing")
         if path.is_dir():
             raise InputError(f"{path} is a folder: name a file", code="output_is_folder")
-        if not os.access(path.absolute().parent, os.W_OK | os.X_OK):
+        if real == Path(os.path.realpath(parameters)):
+            raise InputError(f"{path} is the parameters' own file: name another", code="output_is_input")
+        if real.exists() and not real.is_file():  # a device, which is written to as it is
+            continue
+        if not os.access(real.parent, os.W_OK | os.X_OK):
             raise InputError(f"{path}: its folder cannot be written to; name another", code="cannot_write")
     if depth is not None and depth.resolve() == out.resolve():
         raise InputError(f"{out} cannot be both the drape and its depth picture", code="output_twice")
+
+
+def check_picture(scene: SimulationScene) -> None:
+    """Refuse before the drape is simulated what leaves no picture of it: that of the panel alone tells.
+
+    Raises:
+        InputError: the camera does not see the panel, or depths do not fit the file's.
+    """
+    from renderer.depth import panel_depth
+    from renderer.depth_png import quantise_depth
+
+    seen = panel_depth(scene.camera, scene.camera_from_panel)
+    seen[np.isinf(seen)] = 0.0
+    read = scene.sensor.apply(seen, np.random.default_rng(0), camera=scene.camera)
+    if not quantise_depth(read, scene.camera.depth_unit_m).any():
+        raise InputError(
+            "with these effects of camera and sensor the picture would show nothing at all: give them smaller sizes",
+            code="picture_empty",
+        )
 
 
 def take_picture(drape: Drape, scene: SimulationScene, seed: int) -> NDArray[np.float32]:

@@ -152,7 +152,8 @@ class BatchNewton:
 
     def _ease(self, state: _State, bad: Tensor) -> None:
         """Lower blends, then raise damping, where the matrix was not positive definite."""
-        state.refused = torch.where(bad & (state.refused == NEVER), state.blend, state.refused)
+        at = bad & (state.refused == NEVER) & (state.blend > 0.0)  # what damping cures refuses no blend
+        state.refused = torch.where(at, state.blend, state.refused)
         lowered = torch.where(state.blend > 0.1, 0.5 * state.blend, 0.0)
         raised = torch.clamp(4.0 * state.damping, min=1e-3)
         state.damping = torch.where(bad & (state.blend == 0.0), raised, state.damping)

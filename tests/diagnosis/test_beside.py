@@ -206,3 +206,9 @@ def test_less_probable_places_beside_another_effect_are_taken_from_what_is_known
     np.testing.assert_array_equal(vector[~middle], known[0][~middle])
     np.testing.assert_array_equal(pixels[~middle], known[1][~middle])
     assert (pixels[middle] == 0.0).all() and np.abs(vector[middle]).max() > 1e-5
+
+
+def test_beside_what_differs_from_repeat_to_repeat_it_is_measured_too(measured: list[tuple[Any, ...]]) -> None:
+    look = look_of(("one", "stretch"))
+    beside.look_beside({"f1": look}, cause_of("panel_tilt", "bending_hysteresis"), "stretch")
+    assert look.asked == [("one", [("panel_tilt", TILT)])] and len(measured) == 1

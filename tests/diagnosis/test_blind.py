@@ -194,6 +194,9 @@ def test_all_visible_effects_come_up() -> None:
         BlindPlan(1, 1, pool=2),
         BlindPlan(1, 1, withhold=("wind",)),
         BlindPlan(1, 1, withhold=tuple(catalogue())),
+        BlindPlan(25, 1, withhold=("panel_friction",)),  # shows in no capture
+        BlindPlan(25, 1, withhold=("corner_pull",), scenes=("hanging",)),
+        BlindPlan(25, 1, withhold=("air_draft",)),  # a tilt is a right answer to it
         BlindPlan(1, 1, scenes=("hanging", "hanging")),
         BlindPlan(1, 1, resolution_m=0.0),
         BlindPlan(1, 1, resolution_m=0.013),
@@ -270,3 +273,10 @@ def test_a_case_without_its_label_or_the_hash_is_not_opened(captures: str | None
     with pytest.raises(InputError, match="the label of case-001 or its hash is missing") as caught:
         open_label(tmp_path, "case-001", DrapeCache(None))
     assert caught.value.code == "blind_label_missing"
+
+
+def test_what_has_a_twin_in_the_catalogue_is_not_drawn_as_unknown() -> None:
+    plan = BlindPlan(25, 1, withhold=("air_draft", "crease"))
+    plan.check()
+    labels = [draw_label(n, plan) for n in range(plan.cases)]
+    assert {label.effects[0][0].name for label in labels if label.kind == "withheld"} == {"crease"}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from diagnosis.measurement.features import measure
 from diagnosis.measurement.pixel_statistics import PIXEL_NAMES
-from diagnosis.measurement.reference import CELLS, Reference, make_reference
+from diagnosis.measurement.reference import CELLS, RING_CELLS, Reference, make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.synthesis import SET_CAMERA
 from diagnosis.tasks.preparation import without_surroundings
@@ -123,3 +125,15 @@ def test_without_a_panel_cloth_that_lies_elsewhere_leaves_no_holes() -> None:
     assert measure(shifted, reference).pixels[number] == 0.0
     holes = SensorModel(dropout=0.05).apply(shifted, np.random.default_rng(1), camera=bare.camera)
     assert measure(holes, reference).pixels[number] == pytest.approx(0.05, abs=0.01)
+
+
+def test_pixels_that_are_not_square_show_the_same_slopes_and_strip(reference: Reference) -> None:
+    """A picture binned along the rows alone."""
+    binned = replace(SET_CAMERA, fy=SET_CAMERA.fy / 2, cy=SET_CAMERA.cy / 2, height=SET_CAMERA.height // 2)
+    found = make_reference(wavy(), replace(SCENE, camera=binned))
+    cloth = slice(0, CELLS * CELLS)
+    assert found.slope[cloth].mean() == pytest.approx(reference.slope[cloth].mean(), rel=0.05)
+    for side in range(4):  # top, bottom, left, right
+        cells = CELLS * CELLS + side * RING_CELLS + np.arange(RING_CELLS)
+        one, other = (np.isin(r.cell, cells).sum() for r in (found, reference))
+        assert one / other == pytest.approx(0.5, rel=0.12)

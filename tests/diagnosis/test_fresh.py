@@ -110,6 +110,7 @@ def test_a_smooth_change_that_repeats_share_is_better_explained_by_an_unknown_sh
 
 
 TILT, OTHER_TILT = ("panel_tilt", {SCALAR: 8.0}), ("panel_tilt", {SCALAR: 6.0})
+BLURRED = ("sensor_smoothing", {SCALAR: 1.0, "after_noise": 0.0})
 CREASE = ("crease", {SCALAR: 1.0, "down": 1.0, "position": 0.5})
 
 
@@ -148,6 +149,8 @@ def test_a_search_begins_where_as_many_of_the_effects_as_possible_are_on(monkeyp
         ({"panel_tilt": tilted}, [TILT, CREASE], ["tilted", "led"]),  # as near as the tilt alone is not near enough
         ({"panel_tilt": tilted}, [CREASE, TILT], ["base", "led"]),  # the last is the one that comes on
         ({"panel_tilt": tilted, "panel_tilt crease": both}, [OTHER_TILT, CREASE], ["both"]),  # as both at another size
+        ({"panel_tilt": tilted}, [BLURRED, OTHER_TILT], ["tilted"]),  # what moves no cloth comes before or after
+        ({"panel_tilt": tilted}, [OTHER_TILT, BLURRED], ["tilted"]),
     ):
         look = FreshLook(simulator, result, begun={("seen", names): state for names, state in known.items()})
         began.clear()

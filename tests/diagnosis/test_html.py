@@ -192,7 +192,7 @@ def told(top: str, p: float, *beside: str, detected: bool = True, value: float =
     cause = made.cause.model_copy(update={"effects": effects or made.cause.effects, "probabilities": probabilities})
     gap = made.gap.model_copy(update={"detected": detected, "value": value})
     shown = made.model_copy(update={"cause": cause, "gap": gap})
-    return sentence(SimpleNamespace(report=shown, cause=SimpleNamespace(pair_probability=0.97)))  # type: ignore[arg-type]
+    return sentence(SimpleNamespace(report=shown, cause=SimpleNamespace(both_probability=0.97)))  # type: ignore[arg-type]
 
 
 def test_the_sentence_says_what_the_numbers_say() -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from diagnosis.scene import SimulationScene
+from diagnosis.measurement.picture import noise_square
+from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.simulation import missed_folds
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.missed_folds import further_states, is_missed
@@ -39,7 +42,8 @@ HANGING = SimulationScene(Setup.nominal("hanging"), sensor=SensorModel(range_noi
 def test_what_is_far_in_one_repeat_alone_was_missed(
     distance_m: float, repeats_m: tuple[float, ...], scene: SimulationScene, missed: bool
 ) -> None:
-    assert is_missed(distance_m, repeats_m, scene) is missed
+    beyond = [repeat**2 - noise_square(scene) for repeat in repeats_m]
+    assert is_missed(distance_m**2 - noise_square(scene), beyond, scene) is missed
 
 
 def test_only_what_was_missed_is_sought_among_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -48,7 +52,7 @@ def test_only_what_was_missed_is_sought_among_more(monkeypatch: pytest.MonkeyPat
 
     def find(simulator: Any, task: Any, capture: Any, found: Any = None, *, further: bool = False) -> tuple[Any, float]:
         asked.append((capture.id, further))
-        state: Any = KeyedDrape(None, f"{capture.id} {further}")  # type: ignore[arg-type]  # not looked into
+        state: Any = KeyedDrape(SimpleNamespace(ok=True), f"{capture.id} {further}")  # type: ignore[arg-type]
         return state, distances[capture.id, further]
 
     monkeypatch.setattr(fabric_task, "find_state", find)
@@ -57,6 +61,47 @@ def test_only_what_was_missed_is_sought_among_more(monkeypatch: pytest.MonkeyPat
     found = find_states(nothing, FabricTask("f", SOFT, (0.07,) * 7, seen, ()), seen)
     assert asked == [("a", False), ("b", False), ("c", False), ("b", True)]
     assert [(state.key, rms) for state, rms in found] == [("a False", 0.0013), ("b True", 0.0014), ("c False", 0.0014)]
+    distances["b", True] = 0.0050  # farther than what was found first
+    assert [state.key for state, _ in find_states(nothing, FabricTask("f", SOFT, (0.07,) * 7, seen, ()), seen)][1] == (
+        "b False"
+    )
+
+
+def test_noise_that_grows_with_the_distance_is_no_missed_fold(monkeypatch: pytest.MonkeyPatch) -> None:
+    pose = np.array(STRETCH.camera_from_panel)
+    pose[2, 3] *= 1.5
+    farther = replace(STRETCH, pose=pose_rows(pose))
+    noise = {"near": noise_square(STRETCH), "far": noise_square(farther)}
+    asked: list[bool] = []
+
+    def find(simulator: Any, task: Any, capture: Any, found: Any = None, *, further: bool = False) -> tuple[Any, float]:
+        asked.append(further)
+        state: Any = KeyedDrape(SimpleNamespace(ok=True), "one")  # type: ignore[arg-type]
+        return state, float(np.sqrt(noise[capture.id] + 1e-7))
+
+    monkeypatch.setattr(fabric_task, "find_state", find)
+    scenes = {"near": STRETCH, "far": farther}
+    seen = tuple(CaptureTask(name, 0, np.zeros((1, 1), np.float32), scene, True) for name, scene in scenes.items())
+    nothing: Any = None
+    find_states(nothing, FabricTask("f", SOFT, (0.07,) * 7, seen, ()), seen)
+    assert asked == [False, False]
+
+
+def test_states_of_another_set_up_spare_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    closer = HANGING.with_setup(HANGING.setup.with_pins(top_left=(-0.15, 0.0, 0.0)))
+    given: dict[str, dict[str, float]] = {}
+
+    def find(simulator: Any, task: Any, capture: Any, found: Any = None, *, further: bool = False) -> tuple[Any, float]:
+        given[capture.id] = dict(found)
+        state: Any = KeyedDrape(SimpleNamespace(ok=True), capture.id)  # type: ignore[arg-type]
+        return state, 0.002
+
+    monkeypatch.setattr(fabric_task, "find_state", find)
+    scenes = {"a": HANGING, "b": closer, "c": HANGING}
+    seen = tuple(CaptureTask(name, 0, np.zeros((1, 1), np.float32), scene, True) for name, scene in scenes.items())
+    nothing: Any = None
+    find_states(nothing, FabricTask("f", SOFT, (0.07,) * 7, seen, ()), seen)
+    assert given == {"a": {}, "b": {}, "c": {"a": 0.002}}
 
 
 def test_further_samples_rest_with_magnets_where_they_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -128,6 +128,8 @@ def look(monkeypatch: pytest.MonkeyPatch) -> Look:
         answer("crease", SURE - 0.01),
         answer("crease", 0.4, "edge_curl"),
         answer("dropout", 0.4, "edge_curl"),
+        answer("bending_hysteresis", 0.55),
+        answer("panel_friction", 0.55),
     ],
 )
 def test_an_open_answer_is_probed_in_one_scene(look: Any, cause: Any) -> None:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 
 import numpy as np
 import pytest
 
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
-from diagnosis.inference.block import Block, View
+from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.evidence import Evidence
+from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.pairs import Pair
 from diagnosis.report import Shrinkage
-from diagnosis.shrinkage.held_out import Held, Measured
+from diagnosis.shrinkage import held_out
+from diagnosis.shrinkage.held_out import Held, Measured, measure_shrinkage
 from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_refuted, is_unshown, judged, times_needless
+from diagnosis.shrinkage.splits import Fold
 from diagnosis.simulation.sizes import nodes
 
 
@@ -181,7 +185,7 @@ def test_of_two_effects_on_the_cloth_the_needless_one_goes(
 ) -> None:
     """What pixels change shows in no shape: there the second effect is not judged so."""
 
-    def measure(of: Cause, *, known: bool = False) -> Measured:
+    def measure(of: Cause, *, known: bool = False, **_: object) -> Measured:
         """Without some fabric the second effect is not found again; known to be there, it is fitted."""
         return Measured(left((with_both if len(of.named) == 2 else 1.43) if known else 1.44), ())
 
@@ -213,7 +217,7 @@ def test_a_second_effect_on_the_cloth_beside_one_on_the_sensor_shows_in_two_fabr
     assert is_unshown(cause, measured) is unshown
     assert not is_unshown(cause, Measured(shrinkage(0.2, 1.0, afresh=False), known))
     assert not is_unshown(two_effects(unknown=0.02, first="pin_spacing"), measured)
-    kept, _ = judged(cause, lambda of, known=False: measured)
+    kept, _ = judged(cause, lambda of, **_: measured)
     assert len(kept.named) == (1 if unshown else 2)
 
 
@@ -244,7 +248,7 @@ def test_an_effect_on_the_cloth_that_closes_little_is_doubted(
     evidence = {n: Evidence(n, 0.0, 0.0, {}, {}, {}, 0.0, {}) for n in (name, "none", "unknown")}
     before = {name: 0.99, "none": 0.002, "unknown": 0.008}
     measured = Measured(shrinkage(closed, 1.0, afresh=afresh), ())
-    cause, _ = judged(Cause(before, evidence, 10.0, alone=before), lambda of, known=False: measured)
+    cause, _ = judged(Cause(before, evidence, 10.0, alone=before), lambda of, **_: measured)
     assert cause.named == (name,)
     assert cause.probabilities[name] == pytest.approx(most)
     assert cause.alone[name] == pytest.approx(most)
@@ -263,7 +267,7 @@ def test_what_another_second_effect_brings_nearer_does_not_speak_for_this_one(ot
 
 
 def test_of_two_refuted_effects_the_one_that_stays_has_a_shrinkage_of_its_own() -> None:
-    def measure(of: Cause, *, known: bool = False) -> Measured:
+    def measure(of: Cause, **_: object) -> Measured:
         return Measured(shrinkage(-1.0 if len(of.named) == 2 else 0.6, 1.0), ())
 
     cause, measured = judged(two_effects(unknown=0.02), measure)
@@ -273,8 +277,8 @@ def test_of_two_refuted_effects_the_one_that_stays_has_a_shrinkage_of_its_own() 
 
 def test_what_is_named_nowhere_has_no_shrinkage() -> None:
     cause = two_effects(unknown=0.02)
-    assert judged(cause, lambda of, known=False: None) == (cause, None)
-    refuted, measured = judged(cause, lambda of, known=False: Measured(shrinkage(-1.0, 1.0), ()))
+    assert judged(cause, lambda of, **_: None) == (cause, None)
+    refuted, measured = judged(cause, lambda of, **_: Measured(shrinkage(-1.0, 1.0), ()))
     assert measured is None
     assert refuted.top == "unknown"
 
@@ -285,13 +289,45 @@ def test_what_leads_after_a_refutation_is_judged_too() -> None:
     evidence = {name: Evidence(name, 0.0, 0.0, {}, {}, {}, 0.0, {}) for name in names}
     cause = Cause(names, evidence, 10.0, alone=names)
 
-    def measure(one: Cause, curl: float) -> Measured:
+    asked: list[set[str]] = []
+
+    def measure(one: Cause, curl: float, without: Collection[str] = ()) -> Measured:
+        asked.append(set(without))
         return Measured(shrinkage(-1.0 if one.named == ("hem_weight",) else curl, 1.0), ())
 
-    kept, measured = judged(cause, lambda of, known=False: measure(of, 0.6))
+    kept, measured = judged(cause, lambda of, without=(), **_: measure(of, 0.6, without))
     assert kept.named == ("edge_curl",) and measured is not None and measured.shrinkage.fraction == 0.6
-    lost, measured = judged(cause, lambda of, known=False: measure(of, -1.0))
+    assert asked == [set(), {"hem_weight"}]  # on the other fabrics it must not be named again
+    lost, measured = judged(cause, lambda of, **_: measure(of, -1.0))
     assert lost.named == () and measured is None
+
+
+def test_what_was_refuted_is_not_named_on_the_other_fabrics(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[tuple[str, ...]] = []
+
+    def name(effects: tuple[str, ...], *_: object, **__: object) -> Cause:
+        tried.append(effects)
+        raise InterruptedError
+
+    monkeypatch.setattr(held_out, "name_cause", name)
+    names = {"edge_curl": 0.9, "none": 0.05, "unknown": 0.05}
+    evidence = {name: Evidence(name, 0.0, 0.0, {}, {}, {}, 0.0, {}) for name in names}
+    pixels = PixelBlock(np.zeros(0), {}, sensor_known=False)
+    one, other = (held(fabric, 2.0, 0.5).block for fabric in ("f1", "f2"))
+    fold = Fold("f1", (one,), (one,), pixels, (other,), pixels)
+    effects = ("hem_weight", "edge_curl", "crease")
+    with pytest.raises(InterruptedError):
+        measure_shrinkage(
+            Cause(names, evidence, 10.0), effects, [fold], pixels, LikelihoodModel(), without={"hem_weight"}
+        )
+    assert tried == [("edge_curl", "crease")]
+
+
+@pytest.mark.parametrize(("repeated", "times"), [(True, 2), (False, 0)])
+def test_what_repeats_do_by_chance_is_known_where_something_was_repeated(repeated: bool, times: int) -> None:
+    alone = shrinkage(0.6, 1.0).model_copy(update={"after": 1.0, "repeats": 0.9})
+    together = alone.model_copy(update={"after": 0.5})
+    assert times_needless(together, alone, repeated=repeated) == times
 
 
 def test_two_effects_do_not_give_way_to_a_third() -> None:
@@ -305,5 +341,5 @@ def test_two_effects_do_not_give_way_to_a_third() -> None:
         probabilities={**cause.probabilities, "off_grain": 0.09, "pin_spacing": 0.46},
     )
     assert cause.refuted().named == ("off_grain",)
-    kept, _ = judged(cause, lambda of, known=False: Measured(left(1.42 if len(of.named) == 2 else 1.43), ()))
+    kept, _ = judged(cause, lambda of, **_: Measured(left(1.42 if len(of.named) == 2 else 1.43), ()))
     assert kept is cause

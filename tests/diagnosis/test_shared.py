@@ -40,3 +40,10 @@ def test_two_effects_less_probable_than_the_rest_are_shared_in_halves() -> None:
 
 def test_no_pair_changes_nothing() -> None:
     assert shared(ALONE | {"none": 1.0}, [], []) == ALONE | {"none": 1.0}
+
+
+def test_of_several_pairs_the_named_one_has_its_own_share() -> None:
+    other = Pair("depth_scale", "crease", {"depth_scale": {}, "crease": {}}, NOTHING)
+    assert PAIRS[0].is_as(PAIRS[1]) and PAIRS[1].is_as(PAIRS[0]) and not PAIRS[0].is_as(other)
+    cause = Cause(ALONE, {}, 1.0, PAIRS[0], 0.8, ALONE, pair_share=0.5)
+    assert cause.both_probability == pytest.approx(0.4)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from diagnosis.blind.make import BLIND_FORMAT, MANIFEST_FILE, MANIFEST_KEYS, plan_of
-from diagnosis.extension import AppliedEffect, SimulatorExtension
+from diagnosis.extension import SimulatorExtension
 from services.cli import diagnose, main
 from services.cli.outputs import check_file, check_folder
 from simcore.errors import InputError
@@ -171,25 +170,6 @@ def test_a_simulator_file_that_no_report_wrote_is_not_taken_for_an_earlier_ones(
     path.write_text('{"format": "drapemeter-simulator/1", "effects": [{"name": "gone", "size": {"magnitude": 1}}]}')
     assert diagnose._is_own(path)  # an own effect that was taken out of the catalogue since
     diagnose._check_out(tmp_path, apply=True)
-
-
-@pytest.mark.parametrize(
-    ("effects", "words"),
-    [
-        ({}, ["nothing is named"]),
-        ({"air_draft": 0.3}, ["probability 0.43 only"]),
-        ({"hem_weight": 20.0}, []),
-        ({"depth_bias": 0.008}, ["moves the panel"]),
-    ],
-)
-def test_what_to_know_of_a_simulator_file_is_told(effects: dict[str, float], words: list[str]) -> None:
-    made = SimulatorExtension(
-        effects=tuple(AppliedEffect(name=name, size={"magnitude": size}) for name, size in effects.items())
-    )
-    cause = SimpleNamespace(probabilities={"air_draft": 0.43, "hem_weight": 0.9, "depth_bias": 0.95})
-    found: Any = SimpleNamespace(report=SimpleNamespace(cause=cause))
-    told = diagnose._doubts(made, found)
-    assert len(told) == len(words) and all(word in line for word, line in zip(words, told, strict=True))
 
 
 @pytest.mark.parametrize("workers", ["0", "-3"])

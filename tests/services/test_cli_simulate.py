@@ -86,6 +86,13 @@ def test_unusable_parameters_exit_2_and_write_nothing(
         (["--out", "."], "output_is_folder"),
         (["--depth", "missing/d.png"], "folder_missing"),
         (["--depth", "a.ply"], "output_twice"),
+        (["--out", "p.json"], "output_is_input"),
+        (["--depth", "p.json"], "output_is_input"),
+        (["--out", "link.ply"], "folder_missing"),
+        (["--depth", "d.png", "--effect", "camera_translation=tz:-2"], "camera_behind_panel"),
+        (["--depth", "d.png", "--effect", "camera_rotation=rx:180"], "picture_empty"),
+        (["--depth", "d.png", "--effect", "dropout=1"], "picture_empty"),
+        (["--capture-set", "set", "--effect", "depth_bias=6"], "depth_overflow"),
         (["--seed", "-1"], "seed_negative"),
         (["--seed", "one"], "usage"),
         (["--effect", "wind=1"], "effect_unknown"),
@@ -103,10 +110,16 @@ def test_bad_arguments_exit_2_and_write_nothing(
     arguments: list[str],
     code: str,
 ) -> None:
+    def solve(*_: object, **__: object) -> None:
+        raise AssertionError("refused after the drape was simulated")
+
+    monkeypatch.setattr("simcore.solver.Solver.solve", solve)
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "link.ply").symlink_to(tmp_path / "missing" / "a.ply")
     assert main.run([*command(parameters, Path("a.ply")), *arguments]) == 2
     expect_one_line(capsys, code)
-    assert list(tmp_path.iterdir()) == [parameters]
+    assert {path.name for path in tmp_path.iterdir()} == {parameters.name, "link.ply"}
+    assert json.loads(parameters.read_text()) == FABRIC
 
 
 def test_an_effect_on_pictures_alone_changes_no_drape(

@@ -16,7 +16,7 @@ import torch
 from simcore.batch.alone import Alone
 from simcore.batch.cholesky import BlockCholesky, invert_factor
 from simcore.batch.device import Device
-from simcore.batch.newton import BatchNewton
+from simcore.batch.newton import NEVER, BatchNewton
 from simcore.batch.placement import _positive
 from simcore.batch.request import Request
 from simcore.batch.solver import BatchSolver
@@ -281,3 +281,14 @@ assert all(np.abs(own.vertices - drape.vertices).max() < 1e-4 for drape in batch
 def test_a_gpu_agrees_with_the_reference_and_with_the_cpu(repository: object) -> None:
     # Taichi has one runtime a process
     subprocess.run([sys.executable, "-c", ON_A_GPU], check=True, cwd=str(repository))
+
+
+def test_what_damping_cures_refuses_no_blend() -> None:
+    """As in the solver of single drapes: at blend 0 a refused matrix says nothing of the exact Hessian's share."""
+    newton = BatchNewton(Shifted([0.0, 0.0], [1.0, 1.0]), NewtonOptions())  # type: ignore[arg-type]
+    state: Any = SimpleNamespace(
+        blend=torch.tensor([0.0, 0.5]), damping=torch.zeros(2), refused=torch.full((2,), NEVER, dtype=torch.float32)
+    )
+    newton._ease(state, torch.tensor([True, True]))
+    assert state.refused.tolist() == [NEVER, 0.5]
+    assert state.damping.tolist() == pytest.approx([1e-3, 0.0]) and state.blend.tolist() == [0.0, 0.25]

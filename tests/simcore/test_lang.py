@@ -51,3 +51,10 @@ def test_processes_side_by_side_have_folders_of_their_own_wherever_they_are_told
     monkeypatch.delenv("DRAPEMETER_KERNEL_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert _cache_folder() == tmp_path / "drapemeter" / "kernels" / "0" / "cache"
+
+
+def test_a_place_that_can_hold_no_folder_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(MissingResourceError, match="DRAPEMETER_KERNEL_CACHE") as caught:
+        _claim(tmp_path / "file")
+    assert caught.value.code == "kernel_cache"
