@@ -38,6 +38,7 @@ from trainer.evaluate_captures import KnownFabric, known_fabrics
 from trainer.predict import Estimator
 from trainer.presets import preset_config
 from trainer.store_source import StoreSource
+from trainer.symmetry import as_symmetric
 from trainer.train import train
 
 Effects = Sequence[tuple[Effect, Size]]
@@ -121,7 +122,8 @@ def learn(out: Path, name: str, simulator: Path | None, options: argparse.Namesp
         folder = out / f"model-{name}-{seed}"
         if not folder.exists():
             began = time.process_time()
-            train(StoreSource(out / f"{name}.zarr"), replace(preset_config("quick"), seed=seed)).save(folder)
+            source = StoreSource(out / f"{name}.zarr")
+            train(source, as_symmetric(replace(preset_config("quick"), seed=seed), source.provenance())).save(folder)
             print(f"{folder.name}: {time.process_time() - began:.0f} CPU s", flush=True)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +46,7 @@ class NetworkInput:
         scene: which scene.
         length_scale: sample size over 0.5 m. All lengths were divided by it.
         otherwise: in words, how the sample is put up otherwise than nominally (:func:`put_up_otherwise`).
+        pin_radius_m: what magnets hold round a corner of a 0.5 m sample.
     """
 
     height: NDArray[np.float32]
@@ -52,24 +54,39 @@ class NetworkInput:
     scene: Scene
     length_scale: float = 1.0
     otherwise: tuple[str, ...] = ()
+    pin_radius_m: float = DEFAULT_PIN_RADIUS_M
 
 
 def put_up_otherwise(setup: Setup) -> tuple[str, ...]:
-    """In words, what of a set-up no network was shown, which knows nominal ones of square samples alone."""
+    """In words, what of a set-up no network was shown, which knows nominal pins of square samples before a panel alone.
+
+    How magnets hold goes by the network (:func:`held_otherwise`).
+    """
     scale = length_scale(setup)
     nominal = Setup.nominal(setup.scene, sample_size_m=setup.sample_size_m, pin_radius_m=setup.pin_radius_m)
     off = max(math.dist(place, nominal.pins_m[name]) for name, place in setup.pins_m.items())
     found = []
     if off > MOST_PIN_SHIFT * scale:
         found.append(f"pins of {setup.scene.value} are {1e3 * off:.0f} mm from the nominal ones")
-    usual = scale * DEFAULT_PIN_RADIUS_M
-    if abs(setup.pin_radius_m - usual) > MOST_RADIUS_OFF * scale:
-        found.append(f"magnets hold {1e3 * setup.pin_radius_m:.0f} mm round a corner, not {1e3 * usual:.0f}")
     if not setup.panel:
         found.append("no panel stands behind the sample")
     if min(setup.sample_size_m) < LEAST_SQUARE * max(setup.sample_size_m):
         found.append("the sample is not square")
     return tuple(found)
+
+
+def held_otherwise(one: NetworkInput, trained_m: Sequence[float]) -> str | None:
+    """In words, that magnets hold the sample otherwise than a network was shown; None where they hold as one of those.
+
+    Args:
+        one: what it is to judge.
+        trained_m: what magnets held round a corner in what it learnt from [m].
+    """
+    nearest = min(trained_m, key=lambda radius: abs(one.pin_radius_m - radius))
+    if abs(one.pin_radius_m - nearest) <= MOST_RADIUS_OFF:
+        return None
+    held, known = (1e3 * one.length_scale * radius for radius in (one.pin_radius_m, nearest))
+    return f"magnets hold {held:.0f} mm round a corner, not {known:.0f}"
 
 
 def length_scale(setup: Setup) -> float:
@@ -128,7 +145,7 @@ def normalise_depth(
         )
     height = np.where(known, np.float32(CANONICAL_DISTANCE_M) - seen, np.float32(0.0))
     height, known = fill_holes(height, known)
-    return NetworkInput(height, known, setup.scene, scale, put_up_otherwise(setup))
+    return NetworkInput(height, known, setup.scene, scale, put_up_otherwise(setup), setup.pin_radius_m / scale)
 
 
 def _canonical_depth(

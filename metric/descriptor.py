@@ -20,6 +20,7 @@ from metric.render_cache import engine_fingerprint
 from metric.simulate import SimulationPlan
 from metric.sketch import Sketched
 from renderer.atomic import write_atomically
+from renderer.trim import mark_used, trim_folder
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene
 
@@ -72,6 +73,7 @@ def descriptor_key(fabric: FabricParameters, first_repeat: int, plan: Simulation
         ",".join(plan.scenes),
         *(str(n) for n in (first_repeat, plan.simulations, plan.seed)),
         repr(plan.resolution_m),
+        str(plan.attempts),
     ]
     return hashlib.sha256(":".join(words).encode()).hexdigest()
 
@@ -83,10 +85,12 @@ class DescriptorStore:
     Attributes:
         folder: one file a fabric; None for memory alone.
         most: descriptors held in memory where a folder keeps the others; those not used for longest go first.
+        most_bytes: kept in the folder.
     """
 
     folder: Path | None = None
     most: int = 256
+    most_bytes: int = 20 * 2**30
     _memory: OrderedDict[str, FabricDescriptor] = field(default_factory=OrderedDict)
 
     def load(self, key: str) -> FabricDescriptor | None:
@@ -96,8 +100,10 @@ class DescriptorStore:
             return self._memory[key]
         if self.folder is None:
             return None
+        path = self.folder / f"{key}.npz"
         try:
-            with np.load(self.folder / f"{key}.npz", allow_pickle=False) as data:
+            with np.load(path, allow_pickle=False) as data:
+                mark_used(path)
                 found = FabricDescriptor(
                     {Scene(n.split("-")[1]): data[n] for n in data.files if n.startswith("sketches-")},
                     {Scene(n.split("-")[1]): data[n] for n in data.files if n.startswith("picture-")},
@@ -118,6 +124,11 @@ class DescriptorStore:
         content = io.BytesIO()
         np.savez(content, allow_pickle=False, **arrays, **pictures)
         write_atomically(self.folder / f"{key}.npz", content.getvalue())
+
+    def trim(self) -> None:
+        """Delete what was not used for longest where more is kept than ``most_bytes``."""
+        if self.folder is not None:
+            trim_folder(self.folder, self.most_bytes, ".npz")
 
     def _hold(self, key: str, descriptor: FabricDescriptor) -> None:
         self._memory[key] = descriptor

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from metric.backends import Channel
 from metric.euclidean import squared_distance_table
 from metric.render import DrapeRender, check_same_size
+from simcore.errors import InputError
 
 CEILING_DB = 60.0
 """PSNR at and above which two 8-bit pictures count as the same [dB]: rounding to 8 bits alone costs 59 dB."""
@@ -30,7 +31,11 @@ class Psnr:
 
     def table(self, a: Sequence[NDArray[np.float32]], b: Sequence[NDArray[np.float32]]) -> NDArray[np.float64]:
         """60 dB - PSNR of every pair, shape [len(a), len(b)]."""
-        check_same_size([f.shape for f in (*a, *b)])
+        if len({f.size for f in (*a, *b)}) > 1:
+            raise InputError(
+                "pictures of different size, or grey and coloured ones, cannot be compared: render all with one camera",
+                code="image_size",
+            )
         mse = squared_distance_table(a, b)
         decibel = -10.0 * np.log10(np.maximum(mse, 10.0 ** (-CEILING_DB / 10.0)))
         table: NDArray[np.float64] = CEILING_DB - decibel

@@ -137,6 +137,8 @@ def search_library(
         for k, sets in simulate(chosen).items():
             found[keys[k]] = describe(sets, sketched, cache)
             store.save(keys[k], found[keys[k]])
+    if missing:
+        store.trim()
     for _ in range((len(keys) - len(missing)) * plan.simulations * len(plan.scenes)):
         _call(on_done)
     ranked = [k for k in range(len(library)) if k + 1 not in failed]

@@ -23,15 +23,17 @@ from trainer.evaluate import Metrics, evaluate, number_text
 from trainer.presets import preset_config
 from trainer.pretrained import find_pretrained
 from trainer.program import make_results_folder, told_in_one_line
+from trainer.symmetry import as_symmetric, is_symmetric
 from trainer.train import split_of, steps_of, train, training_pictures
 
 
-def ladder(base: TrainConfig, *, pretrained: bool) -> dict[str, TrainConfig]:
+def ladder(base: TrainConfig, *, pretrained: bool, mirrored: bool = True) -> dict[str, TrainConfig]:
     """From the paper's baseline upwards, each step adding to the one before; then this project's own steps.
 
     Args:
         base: sizes, length and seed of every run.
         pretrained: include ImageNet weights (full trunk only); without them that step is left out.
+        mirrored: include mirrored pictures, which show the same of a symmetric simulator alone.
     """
     plain = replace(base.network, attention=False, average_pooling=False, height_channel=False, targets="log")
     step = replace(
@@ -54,7 +56,8 @@ def ladder(base: TrainConfig, *, pretrained: bool) -> dict[str, TrainConfig]:
     steps["+ fused training"] = step = replace(step, fusion_training="subsets")
     steps["+ targets over weight"] = step = replace(step, network=replace(step.network, targets="log_per_weight"))
     steps["+ height channel"] = step = replace(step, network=replace(step.network, height_channel=True))
-    steps["+ mirrored hanging"] = replace(step, mirror=0.5)
+    if mirrored:
+        steps["+ mirrored hanging"] = replace(step, mirror=0.5)
     return steps
 
 
@@ -145,7 +148,9 @@ def _run(options: argparse.Namespace) -> None:
         )
     if options.pretrained:
         find_pretrained()
-    shown = set(StoreSource(options.store).table().scene.tolist())
+    source = StoreSource(options.store)
+    base, mirrored = as_symmetric(base, source.provenance()), is_symmetric(source.provenance())
+    shown = set(source.table().scene.tolist())
     lacking = [scene.value for place, scene in enumerate(SCENES) if place not in shown]
     if lacking:
         raise InputError(
@@ -158,7 +163,11 @@ def _run(options: argparse.Namespace) -> None:
         "registered": StoreSource(options.store),
         "as_seen": StoreSource(options.store, "as_seen"),
     }
-    steps = run(sources, ladder(base, pretrained=options.pretrained), lambda done: write(options.out, done, {}))
+    steps = run(
+        sources,
+        ladder(base, pretrained=options.pretrained, mirrored=mirrored),
+        lambda done: write(options.out, done, {}),
+    )
     run(sources, input_influence(base), lambda done: write(options.out, steps, done))
 
 

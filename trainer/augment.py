@@ -29,7 +29,7 @@ class Augmenter:
         scale = (1 - config.rescale_share, 1 + config.rescale_share)
         self._deform = nn.Sequential(
             kornia.RandomThinPlateSpline(config.thin_plate_scale, p=config.thin_plate),
-            kornia.RandomPerspective(config.perspective_scale, p=config.perspective),
+            kornia.RandomPerspective(config.perspective_scale, sampling_method="area_preserving", p=config.perspective),
             kornia.RandomAffine(config.rotation_deg, translate=shift, scale=scale, p=config.rescale),
             kornia.RandomGaussianBlur((5, 5), config.blur_sigma_px, p=config.blur),
             kornia.RandomGaussianNoise(0.0, config.noise_std_m / FULL_HEIGHT_M, p=config.noise),

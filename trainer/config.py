@@ -29,7 +29,7 @@ class NetworkConfig:
         targets: ``log`` - logarithms of the parameters; ``log_per_weight`` - logarithms of the parameters over the
             density, which is all that a static picture can show (see ``docs/decisions/003``).
         hidden: widths of the regressor's hidden layers.
-        dropout: share of the fused features dropped in training.
+        dropout: share of the fused features, and of the density beside them, dropped in training.
     """
 
     input_size: int = 256

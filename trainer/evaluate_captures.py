@@ -89,6 +89,7 @@ def evaluate_captures(estimator: Estimator, fabrics: list[KnownFabric]) -> dict[
 def _scores(fabrics: list[KnownFabric], estimates: list[Estimate]) -> dict[str, Score]:
     truth = np.stack([fabric.parameters for fabric in fabrics])
     result = {}
+    promised = all(estimate.intervals_calibrated for estimate in estimates)
     for k, name in enumerate(ESTIMATED_NAMES):
         values = np.array([estimate.parameters[name] for estimate in estimates])
         ends = np.array([estimate.intervals_90[name] for estimate in estimates])
@@ -97,10 +98,14 @@ def _scores(fabrics: list[KnownFabric], estimates: list[Estimate]) -> dict[str, 
             mae_log=float(np.abs(np.log(values / truth[:, k])).mean()),
             mae_range=float(np.abs(values - truth[:, k]).mean() / span),
             spearman=rank_correlation(values, truth[:, k]),
-            coverage=float(((ends[:, 0] <= truth[:, k]) & (truth[:, k] <= ends[:, 1])).mean()),
-            interval_factor=float(np.median(ends[:, 1] / ends[:, 0])),
+            coverage=_covered(ends, truth[:, k]) if promised else math.nan,
+            interval_factor=float(np.median(ends[:, 1] / ends[:, 0])) if promised else math.nan,
         )
     return result
+
+
+def _covered(ends: NDArray[np.float64], truth: NDArray[np.float64]) -> float:
+    return float(((ends[:, 0] <= truth) & (truth <= ends[:, 1])).mean())
 
 
 def markdown(scores: dict[str, dict[str, Score]]) -> str:

@@ -13,11 +13,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from capture.normalise import CANONICAL_SAMPLE_M, NetworkInput
+from capture.normalise import CANONICAL_SAMPLE_M, NetworkInput, held_otherwise
 from simcore.errors import InputError, MissingResourceError
 from simcore.parameters import ESTIMATED_NAMES, LIMITS
 from simcore.scenes import Scene
 from trainer.dataset import SCENES
+from trainer.held import held_in_training
 from trainer.inference import scene_names
 from trainer.model import TrainedModel, load_model
 from trainer.network import Features, fuse
@@ -78,6 +79,7 @@ class Estimator:
         self.model = model
         self.model.network.eval()
         self.version = model.version
+        self._held_m = held_in_training(model.provenance)
 
     @classmethod
     def load(cls, folder: str | Path | None = None) -> Estimator:
@@ -121,7 +123,9 @@ class Estimator:
         high = np.mean([part[2] for part in parts], axis=0)
         seen = [float(np.median([e.score for e in shown])) for shown in extracted.values()]
         score = max(self.model.scaling.beyond(density), *seen)
-        reasons = tuple(dict.fromkeys(text for shown in pictures.values() for one in shown for text in one.otherwise))
+        all_shown = [one for shown in pictures.values() for one in shown]
+        told = [(held_otherwise(one, self._held_m), *one.otherwise) for one in all_shown]
+        reasons = tuple(dict.fromkeys(text for own in told for text in own if text is not None))
         values, lower, upper = (_within_limits(np.exp(logs)) for logs in (centre, low, high))
         return Estimate(
             parameters=dict(zip(ESTIMATED_NAMES, values, strict=True)),

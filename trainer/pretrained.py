@@ -88,7 +88,7 @@ def _find_weights() -> tuple[dict[str, Tensor], BaseWeights]:
             f"resnet18*.pth into a folder and name it in {WEIGHTS_VARIABLE}, or train from scratch",
             code="weights_missing",
         ) from None
-    return state, BaseWeights(str(weights), "")
+    return state, BaseWeights(Path(weights.url).name, "")  # which ends in the first digits of its hash
 
 
 def _read(path: Path) -> dict[str, Tensor]:

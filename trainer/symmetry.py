@@ -19,8 +19,12 @@ def as_symmetric(config: TrainConfig, provenance: Mapping[str, Any]) -> TrainCon
         config: as asked for.
         provenance: what the store says of itself (:meth:`trainer.store_source.StoreSource.provenance`).
     """
-    extended = _is_extended(provenance.get("configuration") or {})
-    return replace(config, mirror=0.0) if extended and config.mirror else config
+    return config if is_symmetric(provenance) or not config.mirror else replace(config, mirror=0.0)
+
+
+def is_symmetric(provenance: Mapping[str, Any]) -> bool:
+    """Whether a store was made by the baseline alone; see :func:`as_symmetric`."""
+    return not _is_extended(provenance.get("configuration") or {})
 
 
 def _is_extended(configuration: Mapping[str, Any]) -> bool:

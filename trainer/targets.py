@@ -19,7 +19,8 @@ from trainer.config import Targets
 FloatArray = NDArray[np.float64]
 REFERENCE_SIZE_M = 0.5
 STRETCH_COUNT = sum(name.startswith("stretch") for name in ESTIMATED_NAMES)
-_LEAST_SPREAD = 1e-6
+_LEAST_SPREAD = 0.05
+"""Of a logarithm; fabrics that are all alike in something say little of how far others are from them."""
 
 
 @dataclass(frozen=True)

@@ -172,8 +172,9 @@ def finish(learnt: Learnt) -> TrainedModel:
     config, network, scaling = learnt.config, learnt.network, learnt.scaling
     if config.half_precision_weights:
         round_weights(network)
-    calibration = calibrate(network, learnt.source, learnt.table, learnt.split, config, scaling)
-    metrics = evaluate(network, learnt.source, learnt.table, learnt.split, scaling, calibration.intervals)
+    table = learnt.table.upright() if config.inclinations == "upright" else learnt.table
+    calibration = calibrate(network, learnt.source, table, learnt.split, config, scaling)
+    metrics = evaluate(network, learnt.source, table, learnt.split, scaling, calibration.intervals)
     return TrainedModel(
         config, network, scaling, calibration.intervals, calibration.outliers, metrics, learnt.provenance
     )

@@ -15,7 +15,8 @@ from diagnosis.groups import NOT_EFFECTS
 from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.inference.cause import Cause, CausePrior, name_cause
 from diagnosis.inference.likelihood import LikelihoodModel
-from diagnosis.inference.subtract import as_seen, pixels_without, response_to, without
+from diagnosis.inference.scatter import with_scatter
+from diagnosis.inference.subtract import as_seen, pixels_without, pixels_without_both, response_to, without_both
 
 Array = NDArray[np.float64]
 
@@ -118,10 +119,17 @@ def probable_stage(cause: Cause) -> Stage:
 def _without_all(
     blocks: Sequence[Block], pixels: PixelBlock, cause: Cause, names: Sequence[str]
 ) -> tuple[list[Block], PixelBlock]:
+    """As where two effects are weighed: of two, what each does beside the other; what scatters widens errors."""
+    sizes = {name: cause.size(name) for name in names}
     left = list(blocks)
-    for name in names:
-        left = [without(block, name, cause.size(name)) for block in left]
-        pixels = pixels_without(pixels, name, cause.size(name))
+    for name, size in sizes.items():
+        if get_effect(name).random_repeats:
+            left = with_scatter(left, name, size)
+    left = without_both(left, sizes)
+    if len(sizes) == 2:
+        return left, pixels_without_both(pixels, sizes)
+    for name, size in sizes.items():
+        pixels = pixels_without(pixels, name, size)
     return left, pixels
 
 

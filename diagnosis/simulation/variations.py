@@ -191,6 +191,11 @@ class Variations:
             fine = self.on_fine_cells.change(self.fabric, changed)
             if not fine.any():  # it diverged there: coarse cells alone say something
                 continue
+            if not rows[half][0].any():  # it diverged on coarse cells: the state's own alone do
+                rows[half] = (fine, rows[half][1])
+                for number in numbers:
+                    rows[number] = (shortcuts(effect)[number][1] * fine, rows[number][1])
+                continue
             otherwise = fine - rows[half][0]
             for number in (half, *numbers):
                 rows[number] = (rows[number][0] + otherwise, rows[number][1])

@@ -176,7 +176,7 @@ async def _on_refused_data(request: Request, error: Exception) -> JSONResponse:
 
 
 async def _on_unforeseen(request: Request, error: Exception) -> JSONResponse:
-    log.error("unforeseen_error", exc_info=error)
+    log.error("unforeseen_error", request_id=request_id(), exc_info=error)  # what else is bound is gone by now
     detail = f"the server failed in a way that nobody foresaw; its log has more under request {request_id()}"
     # it goes out above what sets these headers on every other answer
     headers = {"X-Request-ID": request_id(), "X-Content-Type-Options": "nosniff"}

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from services import console
-from simcore.errors import StoreError
+from simcore.errors import MissingResourceError, StoreError
 
 if TYPE_CHECKING:
     from services.dataset.configuration import SweepConfiguration
@@ -95,6 +95,7 @@ def sweep(
     json_output: bool,
 ) -> None:
     """Run the sweep under a progress bar and print its summary."""
+    from services.dataset.cluster import CLUSTER_LOST
     from services.dataset.sweep import run_sweep
 
     with console.progress("simulations", total=configuration.layout.simulations) as bar:
@@ -116,6 +117,10 @@ def sweep(
             raise
         except StoreError as error:
             raise StoreError(f"{error}; what is done is kept, --resume does the rest", code=error.code) from error
+        except MissingResourceError as error:
+            if error.code == CLUSTER_LOST:
+                console.note(f"{out}: what is done is kept; the same command with --resume goes on")
+            raise
     if json_output:
         console.emit_json(summary)
         return

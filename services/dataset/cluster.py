@@ -17,6 +17,8 @@ _STORE_BYTES = 100 * 2**20
 
 _QUIET: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False}
 _CLIENT_ATTEMPTS = 3
+CLUSTER_LOST = "cluster_lost"
+"""Code of a cluster that went away while it was at work."""
 _PROBE_S = 5.0
 
 
@@ -65,7 +67,7 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
         why = (str(error).splitlines() or [type(error).__name__])[0]
         raise MissingResourceError(
             f"the Ray cluster at {address} went away ({why}): start it again, then the command",
-            code="cluster_lost",
+            code=CLUSTER_LOST,
         ) from None
     finally:
         ray.shutdown()
@@ -127,6 +129,14 @@ def cluster_cpus() -> float:
 
     resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]  # ray does not annotate it
     return resources.get("CPU", 1.0)
+
+
+def has_workers() -> bool:
+    """Whether any node of the connected cluster offers a CPU."""
+    import ray
+
+    resources: dict[str, float] = ray.cluster_resources()  # type: ignore[no-untyped-call]  # ray does not annotate it
+    return resources.get("CPU", 0.0) >= 1.0
 
 
 def _gpus() -> int:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pickle
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from simcore.errors import SimulationError
+from services.dataset.cluster import has_workers
+from simcore.errors import SimulationError, StoreError
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
@@ -15,6 +17,8 @@ WINDOW_PER_CORE = 2
 """Tasks under way for each core of the cluster: enough to keep it busy, few enough to hold in memory."""
 DEATHS = ("WorkerCrashedError", "OutOfMemoryError", "NodeDiedError")
 """Of Ray: a task's worker died, and so did those that began it again."""
+PATIENCE_S, START_ALLOWANCE_S = 60.0, 900.0
+"""So often it is looked whether the cluster has workers while nothing is done, and so long it may have none."""
 RETRIES = 3
 """So often a task is begun again whose worker or node died."""
 
@@ -30,6 +34,7 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
     Raises:
         Exception: whatever ``work`` raised; tasks under way are called off.
         SimulationError: workers die again and again.
+        StoreError: the cluster has no worker (``workers_missing``).
     """
     import ray
 
@@ -38,11 +43,19 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
     remote: Any = ray.remote(_sealed).options(name=work.__name__, num_cpus=1, max_retries=RETRIES)
     waiting = list(reversed(items))
     pending: list[Any] = []
+    heard = time.monotonic()
     try:
         while waiting or pending:
             while waiting and len(pending) < cores * WINDOW_PER_CORE:
                 pending.append(remote.remote(pickle.dumps((work, waiting.pop()))))
-            done, pending = ray.wait(pending, num_returns=1)
+            done, pending = ray.wait(pending, num_returns=1, timeout=PATIENCE_S)
+            if done:
+                heard = time.monotonic()
+            elif time.monotonic() - heard > START_ALLOWANCE_S and not has_workers():
+                raise StoreError(
+                    f"no worker has come up in {START_ALLOWANCE_S:.0f} s: the cluster has no CPU",
+                    code="workers_missing",
+                )
             yield from (pickle.loads(parcel) for parcel in ray.get(done))
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None  # with its code and without the worker's traceback

@@ -122,10 +122,11 @@ def run_sweep(
     started = time.monotonic()
     place = str(url) if is_remote(url) else str(local_path(url).absolute())
     if shards_left(place, configuration, resume=resume) != []:
-        if is_local(address):  # a bad place is told before Ray is started; a bad address before anything is written
+        on_gpu = configuration.solver is SolverKind.CUDA
+        # a bad place is told before Ray is started; a bad address, or that there is no GPU, before anything is written
+        if is_local(address) and not on_gpu:
             prepare_store(place, configuration, resume=resume)
             resume = True
-        on_gpu = configuration.solver is SolverKind.CUDA
         with ray_cluster(address, workers, gpus=on_gpu) as count:
             shards = prepare_store(place, configuration, resume=resume)
             remaining = sum(len(configuration.layout.shard_simulations(shard)) for shard in shards)

@@ -44,11 +44,14 @@ def check_names(study: str, fabrics: Sequence[str]) -> None:
     """Refuse names that a study cannot have, before its pictures are made.
 
     Raises:
-        InputError: one is empty, too long or holds a NUL, or two fabrics have the same.
+        InputError: one is empty, too long, holds a NUL or is no text, or two fabrics have the same.
     """
     if len(set(fabrics)) != len(fabrics) or not all(fabrics):
         raise InputError("every fabric of a study needs a name of its own", code="study_names")
     for name in (study, *fabrics):
+        if any("\ud800" <= letter <= "\udfff" for letter in name):
+            shown = name.encode(errors="backslashreplace").decode()
+            raise InputError(f"{shown[:40]!r}: a name must be text in UTF-8; rename it", code="study_names")
         if not 0 < len(name) <= MOST_NAME or "\0" in name:
             raise InputError(
                 f"{name[:40]!r}: the name of a study or a fabric has 1 to {MOST_NAME} characters, none of them NUL",

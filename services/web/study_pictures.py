@@ -73,7 +73,7 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
     for inner in sorted(p for p in folder.iterdir() if p.is_dir()):
         files = _photographs(inner)
         pictures = tuple(
-            PictureFile(0, f"{place:04d} {path.stem}"[:80], "image/jpeg", _photograph(path))
+            PictureFile(0, f"{place:04d} {_as_text(path.stem)}"[:80], "image/jpeg", _photograph(path))
             for place, path in enumerate(files)
         )
         entries.append(StudyEntry(inner.name, known.get(inner.name), pictures))
@@ -122,6 +122,11 @@ def _in_colour(image: Image.Image) -> Image.Image:
     return image.convert("RGB")
 
 
+def _as_text(name: str) -> str:
+    """A file's name, what of it is no text written out."""
+    return name.encode(errors="backslashreplace").decode()
+
+
 def _photograph(path: Path) -> bytes:
     from PIL import Image, ImageOps, UnidentifiedImageError
 
@@ -135,7 +140,7 @@ def _photograph(path: Path) -> bytes:
             upright = _in_colour(ImageOps.exif_transpose(image))
     except Image.DecompressionBombError:
         raise too_large from None
-    except (UnidentifiedImageError, OSError, SyntaxError) as error:
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:  # the last: too much text in a PNG
         raise InputError(f"{path}: not a usable picture ({error})", code="photograph_unreadable") from None
     upright.thumbnail((LARGEST_SIDE, LARGEST_SIDE))
     clean = Image.new("RGB", upright.size)

@@ -172,5 +172,5 @@ def test_how_a_sample_is_put_up_otherwise_is_told(scene: str) -> None:
     assert put_up_otherwise(Setup.nominal(scene, sample_size_m=(0.25, 0.25))) == ()
     assert put_up_otherwise(replace(nominal, panel=False)) == ("no panel stands behind the sample",)
     assert "20 mm from the nominal ones" in put_up_otherwise(pulled)[0]
-    assert "30 mm round a corner, not 10" in put_up_otherwise(replace(nominal, pin_radius_m=0.03))[0]
+    assert put_up_otherwise(replace(nominal, pin_radius_m=0.03)) == ()  # goes by what a network learnt from
     assert put_up_otherwise(Setup.nominal(scene, sample_size_m=(0.5, 0.4))) == ("the sample is not square",)

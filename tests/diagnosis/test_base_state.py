@@ -43,12 +43,14 @@ def test_folds_at_rest_are_not_hidden_by_the_same_that_are_not(
     distances = {"near": 0.001, "far": 0.004}
 
     def state(name: str, height: float, status: DrapeStatus) -> KeyedDrape:
-        return KeyedDrape(Drape(mesh, flat + [0.0, 0.0, height], status, 1.0, 0.0, True, 3, 0.1, ""), name)
+        return KeyedDrape(Drape(mesh, flat + np.array([0.0, 0.0, height]), status, 1.0, 0.0, True, 3, 0.1, ""), name)
 
     moving, still = state("near", 0.001, DrapeStatus.NOT_STILL), state("near", 0.001, DrapeStatus.STILL)
     other = state("far", 0.02, DrapeStatus.STILL)
     by_height = {float(s.drape.vertices[0, 2]): distances[s.key] for s in (moving, other)}
-    monkeypatch.setattr(base_state, "state_distance", lambda depth, drape, scene: by_height[float(drape.vertices[0, 2])])
+    monkeypatch.setattr(
+        base_state, "state_distance", lambda depth, drape, scene: by_height[float(drape.vertices[0, 2])]
+    )
     simulator, scene = Simulator(DrapeCache(tmp_path)), SimulationScene(Setup.nominal("stretch"))
     monkeypatch.setattr(Simulator, "led", lambda *_: still if led_ends_there else other)
     candidates = [moving, other] if led_ends_there else [moving, still, other]

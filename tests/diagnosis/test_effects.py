@@ -424,6 +424,6 @@ def test_effects_that_would_fail_later_are_refused(fields: dict[str, Any], said:
 
 
 def test_a_size_has_a_largest_one_above_the_usual() -> None:
-    with pytest.raises(InputError, match="most=0.5"):
+    with pytest.raises(InputError, match=r"most=0\.5"):
         scalar(0.2, 0.9, most=0.5)
     assert grid(get_effect("edge_flying_pixels"))[-1] == pytest.approx(1.0)

@@ -87,3 +87,4 @@ def test_no_gpu_is_one_clear_line(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert run(["dataset", "--materials", "1", "--resolution", "0.05", "--solver", "cuda", "--out", str(out)]) == 2
     message = capsys.readouterr().err.strip()
     assert "no GPU here" in message and "\n" not in message
+    assert not out.exists()

@@ -230,3 +230,13 @@ def test_an_address_of_nobody(page: Any, served: tuple[str, StudyStore]) -> None
     page.reload()
     page.wait_for_selector("#trouble:not([hidden])")
     assert "no participant" in page.inner_text("#trouble")
+
+
+def test_a_double_click_answers_once(page: Any, served: tuple[str, StudyStore]) -> None:
+    """The next question is there before the second click: it is not a vote on that."""
+    begin(page)
+    page.dblclick("#left", delay=60)
+    expect_question(page, 2)
+    page.wait_for_timeout(600)
+    expect_question(page, 2)
+    assert len(served[1].export()) == 1

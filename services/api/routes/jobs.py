@@ -44,9 +44,9 @@ def cancel_job(job_id: JobId, state: State, caller: Asking) -> JSONResponse:
     """One's own jobs, or any with scope `jobs:write`. A waiting job is cancelled at once, a running one in a moment."""
     with state.database.write() as session:
         job = _find(session, job_id, caller, ApiScope.JOBS_WRITE)
+        request_cancel(session, job)  # of one that has ended, maybe a moment ago, nothing changes
         if job.status in {JobStatus.SUCCEEDED, JobStatus.FAILED}:
             raise ProblemError(409, "job_ended", f"the job has {job.status} already")
-        request_cancel(session, job)
         body = view_job(session, job).model_dump(mode="json")
     return JSONResponse(body, 200 if job.status == JobStatus.CANCELLED else 202, headers=job_headers(job))
 

@@ -5,6 +5,7 @@
 const byId = (id) => document.getElementById(id);
 const SECTIONS = ["welcome", "question", "thanks"];
 const LONGEST_MS = 86_400_000; // a page may be left open for days
+const LONGEST_DOUBLE_MS = 500; // systems count two clicks within so long as a double one
 
 let participant = location.hash.slice(1);
 let total = 0;
@@ -123,7 +124,13 @@ byId("begin").addEventListener("submit", (event) => {
   event.preventDefault();
   alone(begin);
 });
-for (const side of ["left", "right"]) byId(side).addEventListener("click", () => alone(() => choose(side)));
+// The second click of a double one belongs to the question before, however soon the next one is there.
+const isDouble = (event) => event.detail > 1 && performance.now() - shownAt < LONGEST_DOUBLE_MS;
+for (const side of ["left", "right"]) {
+  byId(side).addEventListener("click", (event) => {
+    if (!isDouble(event)) alone(() => choose(side));
+  });
+}
 byId("back").addEventListener("click", () => alone(back));
 byId("review").addEventListener("click", () => alone(() => ask(total - 1)));
 document.addEventListener("keydown", (event) => {
