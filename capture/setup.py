@@ -14,7 +14,7 @@ ON_PANEL_M = 1e-3
 
 def pin_source(scene: Scene, document: SetupDocument) -> str:
     """Where the pins come from: ``given`` (``pins_m``), ``pin_distance`` (``pin_distance_m``) or ``nominal``."""
-    if document.pins_m and document.pins_m.get(scene.value):
+    if document.pins_m and scene.value in document.pins_m:
         return "given"
     if scene is Scene.HANGING and _pin_distance_m(document) is not None:
         return "pin_distance"

@@ -12,10 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture.documents import FORMAT, CameraDocument, SetupDocument, json_schema, parse_document
-from capture.setup import pin_source
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, LIMITS
-from simcore.scenes import Scene
 
 # Libraries compiled for speed, once loaded, have the processor flush subnormal numbers to zero.
 finite = st.floats(-1e3, 1e3, allow_nan=False, allow_subnormal=False)
@@ -227,4 +225,3 @@ def test_an_empty_object_of_pins_leaves_the_sets() -> None:
     for own in ({"pins_m": {}}, {"pins_m": {"hanging": {}}}):
         assert common.overridden_by(SetupDocument.model_validate(own)).pins_m == common.pins_m
     assert common.overridden_by(SetupDocument.model_validate({"pins_m": None})).pins_m is None
-    assert pin_source(Scene.HANGING, SetupDocument.model_validate({"pins_m": {"hanging": {}}})) == "nominal"

@@ -11,7 +11,8 @@ import pytest
 
 from capture.capture_set import CaptureSet
 from diagnosis.afresh import refinement
-from diagnosis.atlas import ATLAS_FILE, Forecast, forecast, open_atlas
+from diagnosis.atlas import ATLAS_FILE, Forecast, build_atlas, forecast, open_atlas
+from diagnosis.atlas_part import atlas_parts
 from diagnosis.diagnose import DiagnosisOptions
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
@@ -80,11 +81,11 @@ def test_a_folder_of_something_else_is_no_atlas(tmp_path: Path) -> None:
     assert caught.value.code == "atlas_invalid"
 
 
-def test_what_it_will_cost_is_known_beforehand(make_set: MakeSet, explain: Diagnose, shelf: DrapeCache) -> None:
+def test_what_it_will_cost_is_known_beforehand(make_set: MakeSet, shelf: DrapeCache) -> None:
     captures = make_set()
     tasks, _ = prepare_tasks(captures, CANDIDATES, 0.02)
     cold = forecast(tasks, DrapeCache(None))
-    explain(captures)
+    build_atlas(atlas_parts(captures, CANDIDATES, 0.02), shelf)
     warm = forecast(tasks, shelf)
     assert cold.simulations > 20 and cold.ready == 0
     # what is left hangs on the captures: in each fabric a search and a closer look at some effects
