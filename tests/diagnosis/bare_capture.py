@@ -32,5 +32,11 @@ def bare_capture(rms_m: float, pose: np.ndarray | None = None) -> Any:
     shape, plane = np.zeros(BARE_CELLS), np.zeros(len(PLANE_NAMES))
     measured = Features(shape, plane, np.full(7, -7.0), np.full(BARE_CELLS, 50.0))
     return SimpleNamespace(
-        reference=reference, responses=responses, measured=measured, rms_m=rms_m, noise_m2=0.0, scene="stretch", pose=pose
+        reference=reference,
+        responses=responses,
+        measured=measured,
+        rms_m=rms_m,
+        noise_m2=0.0,
+        scene="stretch",
+        pose=pose,
     )
