@@ -53,7 +53,7 @@ class SimulatorExtension(BaseModel):
 
         Args:
             report: of a diagnosis.
-            pin_radius_m: of magnets that it found to hold the cloth otherwise than stated.
+            pin_radius_m: of magnets, where they held the cloth otherwise than nominally.
         """
         found = []
         for effect in report.cause.effects:

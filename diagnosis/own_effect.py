@@ -36,8 +36,9 @@ FIELDS = {
     "`unit`": "of its size, as it is printed; `change` converts it where it is not SI",
     "`components`": "what is believed of its size beforehand: `scalar(low, high)` for one number, called `magnitude`, "
     "with `signed=True` where both signs occur; `vector(names, low, high)`, and `vector=True` beside it, for a vector "
-    "whose length is in the range. Fitted sizes lie between half of `low` and 1.3 times `high`, and `change` is called "
-    "with them: where larger ones cannot be, `scalar(low, high, most=1.0)` says so",
+    "whose length is in the range. `change` is called with sizes outside the range, too: of one number from half of "
+    "`low` to 1.3 times `high`, and more where it is sought as a second effect. Where larger ones cannot be, "
+    "`scalar(low, high, most=1.0)` says so",
     "`summary`, `hook`, `source`": "for people: what it does; what it sets; where mechanism and numbers come from",
     "`change`": "the change itself, see below",
     "`places`, `where`": "may be left out: where or which way it acts, tried one after the other, as in `crease.py`, "

@@ -4,7 +4,7 @@ Cached drapes go by the solver's own version (``simcore.version``).
 """
 
 MODEL_VERSION = "drapemeter-diagnosis/54"
-RESPONSES_VERSION = 3
+RESPONSES_VERSION = 4
 """Raised when what is measured on a simulated picture changes."""
 PIXELS_VERSION = 7
 """The same of pixel statistics."""

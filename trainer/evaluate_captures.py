@@ -114,7 +114,7 @@ def markdown(scores: dict[str, dict[str, Score]]) -> str:
     lines.append("|---" * (1 + 3 * len(scores)) + "|")
     for name in ESTIMATED_NAMES:
         cells = [
-            f"{math.exp(s[name].mae_log):.2f} | {number_text(s[name].spearman)} | {s[name].coverage:.2f}"
+            f"{math.exp(s[name].mae_log):.2f} | {number_text(s[name].spearman)} | {number_text(s[name].coverage)}"
             for s in scores.values()
         ]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")

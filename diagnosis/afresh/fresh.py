@@ -127,16 +127,16 @@ class FreshLook:
         best = capture.base
         if (changed.setup, changed.mechanics) != (scene.setup, scene.mechanics):
             best = self._nearest(capture, changed, [name for name, _ in effects if get_effect(name).moves_cloth])
-        if fabric is None or fabric == self.result.task.parameters:
+        if fabric is None or fabric == self.result.task.parameters or not _is_finite(best):
             return best
         return self.simulator.proceed(best, fabric, changed)
 
     def distance(self, capture: CaptureResult, effects: Sequence[Sized]) -> float:
         """Of a capture from that drape, through the camera that fits [m]; infinite where it diverged."""
-        drape = self.drape(capture, effects).drape
-        if not (drape.ok or np.isfinite(drape.vertices).all()):
+        found = self.drape(capture, effects)
+        if not _is_finite(found):
             return math.inf
-        return state_distance(self.task_of(capture).depth, drape, self.seen(capture, effects))
+        return state_distance(self.task_of(capture).depth, found.drape, self.seen(capture, effects))
 
     def _nearest(self, capture: CaptureResult, changed: SimulationScene, names: Sequence[str]) -> KeyedDrape:
         """The search begins at states of the same effects at another size, else of all but the last, else of none."""
@@ -228,9 +228,9 @@ class FreshLook:
         """Ideal picture of that drape through the camera with effects on [m], [H, W]; of the state without them where
         it diverged.
         """
-        drape = self.drape(capture, effects, fabric).drape
-        shown = drape if drape.ok or np.isfinite(drape.vertices).all() else capture.base.drape
-        return picture_of(shown, with_effects(self.scene_of(capture), effects))
+        found = self.drape(capture, effects, fabric)
+        shown = found if _is_finite(found) else capture.base
+        return picture_of(shown.drape, with_effects(self.scene_of(capture), effects))
 
     def change(self, capture: CaptureResult, effects: Sequence[Sized]) -> Array:
         """Change of a capture's shape-and-plane vector by effects, [cells + ring + 3]."""
@@ -243,6 +243,11 @@ class FreshLook:
         seen = [s.sensor.apply(p, np.random.default_rng(0), camera=s.camera) for s, p in pictures]
         after, before = (measure(p, capture.reference, with_pixels=False).vector() for p in seen)
         return clean(after - before)
+
+
+def _is_finite(found: KeyedDrape) -> bool:
+    """It did not diverge."""
+    return found.drape.ok or bool(np.isfinite(found.drape.vertices).all())
 
 
 def with_effects(scene: SimulationScene, effects: Sequence[Sized]) -> SimulationScene:

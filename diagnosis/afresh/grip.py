@@ -153,9 +153,10 @@ def _left(look: FreshLook, effects: Sequence[Sized]) -> tuple[float, float]:
 
     def near(radius_m: float) -> float:
         held = scene.with_setup(replace(scene.setup, pin_radius_m=radius_m))
-        first = simulator.proceed(known, fabric, held) if held != scene else known
-        cold = base_states(simulator, fabric, held, known.drape.mesh)
-        return _beyond(look, capture, nearest_state(simulator, fabric, held, depth, [first, *cold])[1])
+        starts = base_states(simulator, fabric, held, known.drape.mesh)
+        if np.isfinite(known.drape.vertices).all():  # else it diverged: nothing goes on from it
+            starts = [simulator.proceed(known, fabric, held) if held != scene else known, *starts]
+        return _beyond(look, capture, nearest_state(simulator, fabric, held, depth, starts)[1])
 
     stated_m = scene.setup.pin_radius_m
     return near(stated_m), near(other_radius_m(scene.setup, task.resolution_m))

@@ -6,6 +6,7 @@ the cloth to the panel does nothing until a draft lets it come near. How far cap
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -119,7 +120,7 @@ def around(effect: Effect, size: float) -> list[float]:
     """Half a step of :func:`over_the_range` less and more."""
     own = next(iter(effect.components.values()))
     step = (own.high / own.low) ** 0.25
-    return [size / step, size * step]
+    return [size / step, math.copysign(min(abs(size) * step, own.most), size)]
 
 
 def as_pair(cause: Cause, sizes: tuple[Sized, Sized]) -> Pair:

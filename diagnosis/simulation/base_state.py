@@ -54,7 +54,7 @@ def nearest_state(
     best = min(scored)[2]
     name = scene.setup.scene.value
     near = max((enough or {}).get(best.key, 0.0), math.sqrt(noise_square(scene) + GOOD_ENOUGH_M[name] ** 2))
-    settled = name == "hanging" and bool(enough)  # its folds are noise: one search a fabric
+    settled = name == "hanging" and bool(enough)  # its folds are noise: one search a fabric and set-up
     for _, _, start in [] if settled else sorted(scored)[: STARTS[name]]:
         if min(scored)[0] <= near:
             break

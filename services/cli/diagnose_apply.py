@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.extension import MOST_PIN_RADIUS_M
+from diagnosis.groups import group_of
 from diagnosis.scene import SimulationScene
 from simcore.scenes import Setup
 
@@ -35,11 +36,12 @@ def doubts(made: SimulatorExtension, found: Diagnosis) -> Iterator[str]:
     from services.dataset.extension import moves_panel
 
     cause = found.cause
-    p = cause.both_probability if len(cause.named) == 2 else sum(cause.probabilities[e.name] for e in made.effects)
+    names = {twin for effect in made.effects for twin in group_of(effect.name)}
+    p = cause.both_probability if len(cause.named) == 2 else sum(cause.probabilities.get(name, 0.0) for name in names)
     if not made.effects:
         yield "nothing is named, so it adds no effect to the simulation"
     elif p < 0.5:
-        yield f"what it adds has probability {p:.2f} only"
+        yield f"what it adds, or what captures cannot tell from it, has probability {p:.2f} only"
     radii = _radii(found)
     if len(radii) > 1 or max(radii) > MOST_PIN_RADIUS_M:
         yield f"magnets hold {_listed(radii)} mm round a corner in the captures, which it does not say"
@@ -84,7 +86,12 @@ def _scenes(found: Diagnosis) -> list[SimulationScene]:
 
 
 def _radii(found: Diagnosis) -> set[float]:
-    return {scene.setup.pin_radius_m for scene in _scenes(found)}
+    """Those that differ; magnets on cells that are a little larger hold as many of them."""
+    apart: list[float] = []
+    for radius in sorted({scene.setup.pin_radius_m for scene in _scenes(found)}):
+        if not apart or not math.isclose(radius, apart[-1], rel_tol=ALIKE):
+            apart.append(radius)
+    return set(apart)
 
 
 def _listed(lengths_m: set[float]) -> str:

@@ -53,7 +53,8 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
                 heard = time.monotonic()
             elif time.monotonic() - heard > START_ALLOWANCE_S and not has_workers():
                 raise StoreError(
-                    f"no worker has come up in {START_ALLOWANCE_S:.0f} s: the cluster has no CPU",
+                    f"the cluster has had no worker for {START_ALLOWANCE_S:.0f} s: start some, then the same again; what "
+                    "is kept in a cache stays",
                     code="workers_missing",
                 )
             yield from (pickle.loads(parcel) for parcel in ray.get(done))

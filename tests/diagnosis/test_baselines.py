@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from diagnosis.blind.answers import EXAMPLES_FOLDER, examples_of
 from diagnosis.blind.baselines import baseline_answers, draw_noise, mmd_p, refitted_map
 from diagnosis.blind.page import render_page
 from diagnosis.blind.score import score
+from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.evidence import Evidence
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.shrinkage.held_out import refit
+from diagnosis.simulation.sizes import node_weights
+from simcore.errors import InputError
 from tests.diagnosis.test_blind import DRAFT, answer
 
 COUNT = 80
@@ -135,3 +140,16 @@ def test_stretch_alone_is_judged_where_there_is_any() -> None:
     both = SimpleNamespace(blocks=[diagnosis.blocks[0], shown], cause=diagnosis.cause, pixels=diagnosis.pixels)
     assert baseline_answers(both) == baseline_answers(diagnosis)
     assert baseline_answers(diagnosis)["mmd_p"] == mmd_p(diagnosis.blocks)
+
+
+def test_examples_of_effects_tried_otherwise_are_no_use(tmp_path: Path) -> None:
+    effects = ("air_draft", "crease")
+    rows = {name: np.zeros((len(node_weights(get_effect(name), get_effect(name).typical())), 3)) for name in effects}
+    folder = tmp_path / EXAMPLES_FOLDER
+    folder.mkdir()
+    np.savez(folder / "case-001.npz", **rows)
+    assert len(examples_of(tmp_path, effects)) == 1
+    np.savez(folder / "case-002.npz", **rows | {"crease": rows["crease"][:-1]})  # fewer places
+    with pytest.raises(InputError, match="another version") as caught:
+        examples_of(tmp_path, effects)
+    assert caught.value.code == "blind_train"

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from diagnosis import effects
+from diagnosis.afresh.second import around
 from diagnosis.effect import SCALAR, Between, Component, Effect, Stage, scalar, vector
 from diagnosis.effects import catalogue, get_effect, parse_effect
 from diagnosis.pages import effect_page
@@ -426,4 +427,5 @@ def test_effects_that_would_fail_later_are_refused(fields: dict[str, Any], said:
 def test_a_size_has_a_largest_one_above_the_usual() -> None:
     with pytest.raises(InputError, match=r"most=0\.5"):
         scalar(0.2, 0.9, most=0.5)
-    assert grid(get_effect("edge_flying_pixels"))[-1] == pytest.approx(1.0)
+    mixed = get_effect("edge_flying_pixels")
+    assert grid(mixed)[-1] == pytest.approx(1.0) and around(mixed, 0.9)[1] == 1.0

@@ -248,3 +248,26 @@ def test_folds_of_both_scenes_are_sought_through_a_camera_that_may_stand_elsewhe
     assert seen == [("hanging", ["camera_translation"]), ("stretch", ["camera_translation"])]
     assert solved == [("stretch", ["panel_tilt"])]
     assert [c.responses for c in found.captures] == [["camera_translation"], ["camera_translation", "panel_tilt"]]
+
+
+def test_what_diverged_is_no_start_and_shows_the_state_without_effects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing goes on from it, and it is infinitely far from every capture."""
+    result = one_capture(monkeypatch)
+    lost = state("lost", 1.0)
+    lost.drape.ok, lost.drape.vertices = False, np.full((4, 3), np.nan)
+    capture: Any = SimpleNamespace(id="seen", base=state("base", 2e-3), rms_m=2e-3)
+
+    class Look(FreshLook):
+        def _nearest(self, capture: Any, changed: Any, names: Any) -> Any:
+            return lost
+
+    class Solver:
+        def proceed(self, *_: Any) -> Any:
+            raise AssertionError("nothing goes on from what diverged")
+
+    solver: Any = Solver()
+    look = Look(solver, result)
+    other: Any = "another fabric"
+    assert look.drape(capture, [TILT], other) is lost and look.distance(capture, [TILT]) == np.inf
+    monkeypatch.setattr(fresh, "picture_of", lambda drape, scene: drape)
+    assert look.picture(capture, [TILT], other) is capture.base.drape

@@ -56,6 +56,9 @@ def test_of_two_effects_the_probability_is_that_of_both() -> None:
 def test_the_radius_is_the_one_that_was_simulated() -> None:
     """On cells of 10 mm a magnet of 8 mm holds a whole cell, as it does nominally; on a point it does not."""
     assert held_m(found(held(0.01 * (1.0 + 1e-6)))) is None
+    both = found(held(0.01), held(0.01 * (1.0 + 1e-6)))
+    assert held_m(both) is None and list(doubts(made(hem_weight=20.0), both)) == []
+    assert held_m(found(held(0.0125), held(0.0126))) == 0.0125
     assert held_m(found(held(0.0))) == 0.0
     assert held_m(found(held(0.02), held(0.02))) == 0.02
     assert held_m(found(held(0.0), held(0.02))) is None
