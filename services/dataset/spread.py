@@ -53,8 +53,7 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
                 heard = time.monotonic()
             elif time.monotonic() - heard > START_ALLOWANCE_S and not has_workers():
                 raise StoreError(
-                    f"the cluster has had no worker for {START_ALLOWANCE_S:.0f} s: start some, then the same again; what "
-                    "is kept in a cache stays",
+                    f"the cluster has had no worker for {START_ALLOWANCE_S:.0f} s: start some, then the same again",
                     code="workers_missing",
                 )
             yield from (pickle.loads(parcel) for parcel in ray.get(done))
