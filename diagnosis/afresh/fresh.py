@@ -127,14 +127,14 @@ class FreshLook:
         best = capture.base
         if (changed.setup, changed.mechanics) != (scene.setup, scene.mechanics):
             best = self._nearest(capture, changed, [name for name, _ in effects if get_effect(name).moves_cloth])
-        if fabric is None or fabric == self.result.task.parameters or not _is_finite(best):
+        if fabric is None or fabric == self.result.task.parameters or not is_finite(best):
             return best
         return self.simulator.proceed(best, fabric, changed)
 
     def distance(self, capture: CaptureResult, effects: Sequence[Sized]) -> float:
         """Of a capture from that drape, through the camera that fits [m]; infinite where it diverged."""
         found = self.drape(capture, effects)
-        if not _is_finite(found):
+        if not is_finite(found):
             return math.inf
         return state_distance(self.task_of(capture).depth, found.drape, self.seen(capture, effects))
 
@@ -229,7 +229,7 @@ class FreshLook:
         it diverged.
         """
         found = self.drape(capture, effects, fabric)
-        shown = found if _is_finite(found) else capture.base
+        shown = found if is_finite(found) else capture.base
         return picture_of(shown.drape, with_effects(self.scene_of(capture), effects))
 
     def change(self, capture: CaptureResult, effects: Sequence[Sized]) -> Array:
@@ -245,7 +245,7 @@ class FreshLook:
         return clean(after - before)
 
 
-def _is_finite(found: KeyedDrape) -> bool:
+def is_finite(found: KeyedDrape) -> bool:
     """It did not diverge."""
     return found.drape.ok or bool(np.isfinite(found.drape.vertices).all())
 

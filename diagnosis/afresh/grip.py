@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.afresh.by_distance import first_capture
-from diagnosis.afresh.fresh import FreshLook, Sized, is_mechanical
+from diagnosis.afresh.fresh import FreshLook, Sized, is_finite, is_mechanical
 from diagnosis.afresh.side_by_side import side_by_side
 from diagnosis.effects import get_effect
 from diagnosis.inference.cause import Cause
@@ -154,7 +154,7 @@ def _left(look: FreshLook, effects: Sequence[Sized]) -> tuple[float, float]:
     def near(radius_m: float) -> float:
         held = scene.with_setup(replace(scene.setup, pin_radius_m=radius_m))
         starts = base_states(simulator, fabric, held, known.drape.mesh)
-        if np.isfinite(known.drape.vertices).all():  # else it diverged: nothing goes on from it
+        if is_finite(known):  # nothing goes on from what diverged
             starts = [simulator.proceed(known, fabric, held) if held != scene else known, *starts]
         return _beyond(look, capture, nearest_state(simulator, fabric, held, depth, starts)[1])
 

@@ -19,7 +19,7 @@ from diagnosis.inference.larger import larger_than_chance
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.one_fabric import by_more_than_one
-from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, left_by, weigh_pairs
+from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, left_by, share_of, weigh_pairs
 from diagnosis.inference.something_beside import something_beside
 from diagnosis.inference.subtract import without, without_both
 from diagnosis.inference.unknown import tabulate_unknown, without_repeated
@@ -354,20 +354,9 @@ def _weigh(
     others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
     factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
     best = pairs[int(np.argmax(two))] if pairs else None
-    masses = np.exp(np.array(two) - total)
-    own = [best is not None and pair.is_as(best) for pair in pairs]
-    pair_share = float(masses[own].sum() / masses.sum()) if masses.sum() > 0.0 else 1.0
-    pair_probability = float(masses.sum())
-    return Cause(
-        probabilities,
-        evidence,
-        float(factor),
-        best,
-        pair_probability,
-        alone,
-        likelihood=total,
-        pair_share=pair_share,
-    )
+    pair_probability = float(np.exp(np.array(two) - total).sum())
+    cause = Cause(probabilities, evidence, float(factor), best, pair_probability, alone, likelihood=total)
+    return cause if best is None else replace(cause, pair_share=share_of(best, pairs, two))
 
 
 def shared(alone: Mapping[str, float], pairs: Sequence[Pair], two: Sequence[float]) -> dict[str, float]:

@@ -53,6 +53,18 @@ class Pair:
         return any(self.first in group_of(one) and self.second in group_of(two) for one, two in ways)
 
 
+def share_of(one: Pair, pairs: Sequence[Pair], log_weights: Sequence[float]) -> float:
+    """Of all pairs' probability, that of one and of those in which declared twins stand for its effects.
+
+    Args:
+        one: of the pairs.
+        pairs: all of them.
+        log_weights: of each, log of its probability, from any origin.
+    """
+    own = [weight for pair, weight in zip(pairs, log_weights, strict=True) if pair.is_as(one)]
+    return float(np.exp(logsumexp(own) - logsumexp(log_weights)))
+
+
 @dataclass(frozen=True)
 class AsHeld:
     """All explanations by one with magnets that hold in one way.

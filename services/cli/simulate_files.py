@@ -72,13 +72,9 @@ def check_picture(scene: SimulationScene) -> None:
     Raises:
         InputError: the camera does not see the panel, or depths do not fit the file's.
     """
-    from renderer.depth import panel_depth
-    from renderer.depth_png import quantise_depth
+    from services.seen_panel import shows_panel
 
-    seen = panel_depth(scene.camera, scene.camera_from_panel)
-    seen[np.isinf(seen)] = 0.0
-    read = scene.sensor.apply(seen, np.random.default_rng(0), camera=scene.camera)
-    if not quantise_depth(read, scene.camera.depth_unit_m).any():
+    if not shows_panel(scene, scene.camera.depth_unit_m):
         raise InputError(
             "with these effects of camera and sensor the picture would show nothing at all: give them smaller sizes",
             code="picture_empty",

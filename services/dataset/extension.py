@@ -11,10 +11,10 @@ from diagnosis.extension import AppliedEffect, SimulatorExtension
 from diagnosis.scene import SimulationScene
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import panel_depth
-from renderer.depth_png import quantise_depth
 from renderer.sensor import named_sensor
 from renderer.store_format import DEPTH_UNIT_M
 from services.effect_seed import draw_effect_seed
+from services.seen_panel import shows_panel
 from simcore.checks import check_request
 from simcore.errors import InputError
 from simcore.parameters import FabricParameters
@@ -86,9 +86,7 @@ def _check_sizes(configuration: SweepConfiguration) -> None:
 
 def _check_sensor(scene: SimulationScene) -> None:
     """Whether a picture of the panel alone comes through the sensor into a store."""
-    seen = panel_depth(scene.camera, scene.camera_from_panel).astype(np.float32)
-    counts = quantise_depth(scene.sensor.apply(seen, np.random.default_rng(0), camera=scene.camera), DEPTH_UNIT_M)
-    if not counts.any():
+    if not shows_panel(scene, DEPTH_UNIT_M):
         raise InputError(
             "with the simulator file's effects the sensor reads nothing at all: give them smaller sizes",
             code="simulator_blind",

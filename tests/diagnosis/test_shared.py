@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from diagnosis.inference.cause import Cause, shared
 from diagnosis.inference.evidence import Evidence
-from diagnosis.inference.pairs import Pair
+from diagnosis.inference.pairs import Pair, share_of
 
 NOTHING = Evidence("none", 0.0, 0.0, {}, {}, {}, 0.0, {})
 ALONE = {"none": 0.0, "unknown": 0.0, "depth_scale": 0.0, "depth_bias": 0.0, "quantisation": 0.0}
@@ -44,6 +45,7 @@ def test_no_pair_changes_nothing() -> None:
 
 def test_of_several_pairs_the_named_one_has_its_own_share() -> None:
     other = Pair("depth_scale", "crease", {"depth_scale": {}, "crease": {}}, NOTHING)
-    assert PAIRS[0].is_as(PAIRS[1]) and PAIRS[1].is_as(PAIRS[0]) and not PAIRS[0].is_as(other)
+    assert share_of(PAIRS[0], [*PAIRS, other], np.log([0.2, 0.1, 0.5]).tolist()) == pytest.approx(0.3 / 0.8)
+    assert share_of(other, [*PAIRS, other], [-900.0, -900.0, -900.0]) == pytest.approx(1.0 / 3.0)
     cause = Cause(ALONE, {}, 1.0, PAIRS[0], 0.8, ALONE, pair_share=0.5)
     assert cause.both_probability == pytest.approx(0.4)

@@ -1,0 +1,37 @@
+"""What is held out against simulations afresh, some of which do not come to rest."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from diagnosis.effects import get_effect
+from diagnosis.shrinkage.held_out import Judge, whitened
+from diagnosis.simulation.sizes import nodes
+from tests.diagnosis.test_refutation import held
+
+TURNED = ("focal_scale", nodes(get_effect("focal_scale"))[0])
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_what_does_not_come_to_rest_counts_as_known_without_a_simulation(at_rest: bool) -> None:
+    block = held("f1", 2.0, 0.5, camera=1.0).block
+    shown = np.full(len(block.owner), 0.007)
+
+    class Look:
+        result = SimpleNamespace(captures=[SimpleNamespace(id="a", base="the state without effects")])
+
+        def drape(self, capture: Any, effects: Any) -> Any:
+            return SimpleNamespace(drape=SimpleNamespace(ok=at_rest))
+
+        def change(self, capture: Any, effects: Any) -> Any:
+            return shown
+
+    looks: Any = {"f1": Look()}
+    found = Judge(looks).response(block, [TURNED])
+    known = block.metres(whitened(block, [TURNED]))
+    assert np.abs(known - shown).max() > 1e-4
+    np.testing.assert_array_equal(found, shown if at_rest else known)
