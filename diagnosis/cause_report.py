@@ -24,18 +24,21 @@ def cause_report(cause: Cause, blocks: Sequence[Block], pixels: PixelBlock, mode
         cause: found.
         blocks, pixels, model: what was measured, and how likely it is.
     """
-    near: set[str] = set()
+    unlike = {*cause.named, *NOT_EFFECTS}
+    alike: dict[str, tuple[str, ...]] = {}
     for name in cause.named:
-        near |= group_of(name)
-        near |= as_likely(cause, name)
+        near = group_of(name) | (as_likely(cause, name) - cause.refuted_before)
         if not get_effect(name).random_repeats:
             near |= set(not_separable(name, cause.size(name), blocks, pixels, model))
-    near -= {*cause.named, *NOT_EFFECTS}
+        alike[name] = tuple(sorted((near - unlike) & set(cause.probabilities)))
+    said = {"both_probability": cause.both_probability} if len(cause.named) == 2 else {}
     return CauseReport(
         probabilities=dict(cause.probabilities),
         top=cause.top,
         effects=tuple(_found(cause, name) for name in cause.named),
-        not_separable_from=tuple(sorted(near & set(cause.probabilities))),
+        not_separable_from=tuple(sorted({other for near in alike.values() for other in near})),
+        **said,
+        **({"alike": alike} if len(alike) == 2 else {}),
     )
 
 

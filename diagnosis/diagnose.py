@@ -35,7 +35,7 @@ from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.repeats import pin_scatter
 from diagnosis.inference.subtract import pixels_without, without
 from diagnosis.report import CostReport, GapReport
-from diagnosis.shrinkage.held_out import Held, Judge, Measured, measure_shrinkage
+from diagnosis.shrinkage.held_out import Held, Judge, Measured, measure_shrinkage, not_at_rest_with
 from diagnosis.shrinkage.in_report import complete
 from diagnosis.shrinkage.refutation import judged
 from diagnosis.shrinkage.splits import folds_of
@@ -93,6 +93,7 @@ class Diagnosis:
 
     Attributes:
         pin_radius_m: of magnets that turned out to hold otherwise than stated; None where they hold as stated.
+        spent: on simulations with magnets that turned out to hold otherwise.
     """
 
     report: GapReport
@@ -104,6 +105,19 @@ class Diagnosis:
     held: tuple[Held, ...] = ()
     looks: Mapping[str, FreshLook] = field(default_factory=dict)
     pin_radius_m: float | None = None
+    spent: Cost = field(default_factory=Cost)
+
+    def recounted(self) -> Diagnosis:
+        """With what was simulated since the report was made, for its pictures, in its cost."""
+        cost = _cost(self.results, self.looks, self.spent)
+        told = self.report.cost.model_copy(
+            update={
+                "simulations": cost.simulations,
+                "solver_seconds": round(cost.seconds, 2),
+                "cached": cost.cached,
+            }
+        )
+        return replace(self, report=self.report.model_copy(update={"cost": told}))
 
 
 Progress = Callable[[float], None]
@@ -143,8 +157,7 @@ def diagnose(
             before, results = results, workers.map(partial(explain_fabric, cache=kept), found)
             for result, first in zip(results, before, strict=True):
                 result.cost.add(first.cost)
-        assumed += partly_seen({c.id: (c.measured, c.reference) for r in results for c in r.captures})
-        assumed += not_at_rest(results)
+        assumed += _of_states(results)
         return conclude(
             results,
             effects,
@@ -235,11 +248,13 @@ class _Conclusion:
             return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known, without=without)
 
         cause, measured = judged(cause, measure)
+        if measured is not None:
+            assumed = (*assumed, *not_at_rest_with(measured.held, looks))
         if cause.named and measured is None:
             assumed = (*assumed, "one capture alone: none is held out, so how far the gap shrinks was not measured")
         shrinkage = None if measured is None else complete(measured, looks, lpips=lpips)
-        cost = _cost(results, looks)
-        cost.add(spent or Cost())
+        before = spent or Cost()
+        cost = _cost(results, looks, before)
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),
             where=where_gaps(blocks, pixels, cause, self.model),
@@ -256,7 +271,7 @@ class _Conclusion:
             assumed=assumed,
         )
         left_out = () if measured is None else measured.held
-        return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, left_out, looks)
+        return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, left_out, looks, spent=before)
 
     def _looked_at(
         self, looks: dict[str, FreshLook], name: Name, scene: str, noise: NoiseModel, *, grip: bool
@@ -287,8 +302,9 @@ class _Conclusion:
         cache = first.simulator.cache
         again = self.workers.map(partial(explain_fabric, cache=cache), [with_other_grip(r.task) for r in results])
         new = {r.task.id: FreshLook(Simulator(cache), r) for r in again}
-        said = (*assumed, held.sentence(stated))
-        found = self.of(again, new, said, began, lpips, spent=_cost(results, looks))
+        of_these = _of_states(results)  # as stated: what follows is of the magnets found
+        said = (*(line for line in assumed if line not in of_these), *_of_states(again), held.sentence(stated))
+        found = self.of(again, new, said, began, lpips, spent=_cost(results, looks, Cost()))
         return replace(found, pin_radius_m=again[0].task.captures[0].scene.setup.pin_radius_m)
 
     def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
@@ -336,8 +352,15 @@ def _pixels(results: Sequence[FabricResult], noise: NoiseModel) -> PixelBlock:
     return make_pixel_block([c for r in results for c in r.captures], noise)
 
 
-def _cost(results: Sequence[FabricResult], looks: Mapping[str, FreshLook]) -> Cost:
+def _of_states(results: Sequence[FabricResult]) -> list[str]:
+    """What has to be said of captures and of the states that stand for them."""
+    return partly_seen({c.id: (c.measured, c.reference) for r in results for c in r.captures}) + not_at_rest(results)
+
+
+def _cost(results: Sequence[FabricResult], looks: Mapping[str, FreshLook], before: Cost) -> Cost:
+    """Of all simulations, ``before`` and since."""
     cost = Cost()
+    cost.add(before)
     for account in (*(r.cost for r in results), *(look.simulator.cost for look in looks.values())):
         cost.add(account)
     return cost

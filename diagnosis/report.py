@@ -91,12 +91,21 @@ class FoundEffect(_Model):
 
 
 class CauseReport(_Model):
-    """Which effect, or none, or something unknown."""
+    """Which effect, or none, or something unknown.
+
+    Attributes:
+        both_probability: that two named effects are both there; a pair's share of ``probabilities`` is split by them.
+        alike: of each named effect, what of ``not_separable_from`` it is not told from; all of it where that lacks.
+    """
+
+    may_lack = ("both_probability", "alike")
 
     probabilities: dict[str, Probability]
     top: str
     effects: tuple[FoundEffect, ...]
     not_separable_from: tuple[str, ...]
+    both_probability: Probability | None = None
+    alike: dict[str, tuple[str, ...]] = {}
 
 
 class RegionShrinkage(_Model):

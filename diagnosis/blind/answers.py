@@ -72,8 +72,10 @@ class Answer:
 
     @property
     def certainty(self) -> float:
-        """Of what was answered: all that was named, with what is declared inseparable from it."""
+        """Of what was answered, with what is declared inseparable from it; of two effects that both are there."""
         answered = self.named or (self.top,)
+        if len(answered) == 2 and self.report["cause"].get("both_probability") is not None:
+            return float(self.report["cause"]["both_probability"])
         probabilities = self.report["cause"]["probabilities"]
         return float(
             sum(probabilities.get(n, 0.0) for n in {one for name in answered for one in (name, *group_of(name))})

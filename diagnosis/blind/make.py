@@ -136,6 +136,13 @@ def visible_effects(plan: BlindPlan) -> list[Effect]:
     return [e for name, e in sorted(catalogue().items()) if name not in plan.withhold and _shows(e, plan)]
 
 
+def hidden_effects(manifest: Mapping[str, Any]) -> list[str]:
+    """Of a written check, effects of the catalogue that its captures cannot show, so that none has them."""
+    scenes = {"withhold": tuple(manifest["withhold"]), "scenes": tuple(manifest["scenes"])}
+    plan = BlindPlan(cases=manifest["cases"], seed=manifest["seed"], **scenes)
+    return [name for name, e in sorted(catalogue().items()) if name not in plan.withhold and not _shows(e, plan)]
+
+
 def unknown_effects(plan: BlindPlan) -> tuple[str, ...]:
     """What cases may have in them that the diagnosis does not know: withheld, seen in captures, and with no declared
     twin left, whose name would be right.

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnosis.blind.answers import Answer
-from diagnosis.blind.make import BLIND_JITTER, INVISIBLE
+from diagnosis.blind.make import BLIND_JITTER, hidden_effects
 from diagnosis.blind.score import Score
 from diagnosis.blind.verify import RESOLUTION_M
 from diagnosis.groups import GROUPS
@@ -54,7 +54,7 @@ def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: S
         "",
         f"Cases by kind: {', '.join(f'{k} {n}' for k, n in sorted(kinds.items()))}. Withheld from the catalogue: "
         f"{', '.join(manifest['withhold']) or 'nothing'}. Declared inseparable, counted as one: {groups}. Never drawn, "
-        f"as these scenes do not show it: {', '.join(INVISIBLE)}.",
+        f"as these scenes do not show it: {', '.join(hidden_effects(manifest))}.",
         "",
         "| what | measured | aim |",
         "|---|---|---|",
@@ -76,14 +76,14 @@ def render_page(manifest: Mapping[str, Any], answers: Sequence[Answer], score: S
         *(f"| {name.replace('_', ' ')} | {share} |" for name, share in score.baselines.items()),
         "",
         f"{TRAINED if 'classifier' in score.baselines else ''}"
-        "Nearest template: largest cosine between residual and an effect's response. Least "
-        "residual: the effect that leaves least, at the best of its simulated sizes. Both see shapes in `stretch` and "
-        "the shared numbers, and not `bending_hysteresis`, which has no response of its own; nor is the classifier "
-        "trained on it. Most flexible: always `bending_hysteresis`, whose random "
-        "draws give the most directions (where it is withheld: the effect that explains most at its best size). "
-        "Maximum mean discrepancy (as in sbi's misspecification test) of residuals from draws of the noise as it is "
-        "modelled, with its correlations and unknown scale, names nothing; it alarms at p < 0.05 in "
-        f"{_mmd_line(answers)}.",
+        "Nearest template: largest cosine between residual and an effect's response. Least residual: the effect that "
+        "leaves least, at the best of its simulated sizes. Both see shapes in "
+        f"`{'stretch' if 'stretch' in manifest['scenes'] else 'hanging'}` and the shared numbers, and not "
+        "`bending_hysteresis`, which has no response of its own; nor is the classifier trained on it. Most flexible: "
+        "always `bending_hysteresis`, whose random draws give the most directions (where it is withheld: the effect "
+        "that explains most at its best size). Maximum mean discrepancy (as in sbi's misspecification test) of "
+        "residuals from draws of the noise as it is modelled, with its correlations and unknown scale, names nothing; "
+        f"it alarms at p < 0.05 in {_mmd_line(answers)}.",
         "",
         "## Calibration (none, named and wrong-parameter cases)",
         "",

@@ -117,7 +117,7 @@ def score(answers: Sequence[Answer]) -> Score:
         baselines={
             name: Share(sum(same(a.baselines["names"][name], a.truth[0]) for a in named), len(named))
             for name in (*BASELINES, "classifier")
-            if all(name in a.baselines["names"] for a in named)
+            if named and all(name in a.baselines["names"] for a in named)
         },
     )
 

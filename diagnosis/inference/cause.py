@@ -91,6 +91,7 @@ class Cause:
         likelihood: log likelihood of the captures' shapes and shared numbers, over all explanations.
         errors: that it was weighed under (:mod:`diagnosis.inference.granted`).
         pair_share: of all pairs' probability, the best one's, with those in which declared twins stand for its effects.
+        refuted_before: effects that were named, and are not since held-out captures refuted them.
     """
 
     probabilities: Mapping[str, float]
@@ -104,6 +105,7 @@ class Cause:
     likelihood: float = -np.inf
     errors: NoiseModel = NoiseModel()
     pair_share: float = 1.0
+    refuted_before: frozenset[str] = frozenset()
 
     @property
     def top(self) -> str:

@@ -13,6 +13,8 @@ from diagnosis.pages.where_figure import SURE
 from diagnosis.remedies import remedy
 from diagnosis.report import CauseReport, GapReport, Kind, Region, RegionGap, StageName
 
+WIDE = 2.0
+"""A gap of so many noise floors that is still no gap needs a word why."""
 SURE_OF_NONE = 0.8
 """From this probability of no effect on, and with several fabrics, nothing needs to be done."""
 REGION_CHECKS: Mapping[Region, str] = MappingProxyType(
@@ -36,6 +38,23 @@ KIND_CHECKS: Mapping[Kind, str] = MappingProxyType(
         "folds": "folds differ: press the sample, take it down and hang it again: repeats tell chance from cause",
     }
 )
+CORRECTED: Mapping[str, str] = MappingProxyType(
+    {
+        "range_noise": "state it in the capture set (sensor.range_noise_m)",
+        "quantisation": "state it in the capture set (sensor.quantisation_m)",
+        "depth_bias": "take it off the depths of the pictures, or correct the stated distance of the camera",
+        "depth_scale": "take it off the depths of the pictures, or correct the stated distance of the camera",
+        "sensor_smoothing": "switch the smoothing of the camera's driver off and capture again",
+        "dropout": "see why pixels have no data (dark or shiny cloth, light, the driver's filters) and capture again",
+        "edge_flying_pixels": "switch on the driver's filter of mixed pixels, or take them out, and capture again",
+        "camera_rotation": "correct the stated pose (camera_from_panel)",
+        "camera_translation": "correct the stated pose (camera_from_panel)",
+        "focal_scale": "correct the stated focal lengths (camera.fx, camera.fy)",
+    }
+)
+"""What to do about effects on camera and sensor that are sure; capture sets state some of them and not all."""
+MODELLED = ("sensor_smoothing", "dropout", "edge_flying_pixels")
+"""Of these, those that a sweep may have instead."""
 STAGE_CHECKS: Mapping[StageName, str] = MappingProxyType(
     {
         "fabric": "capture the samples once more turned by a quarter: what turns with them belongs to the fabric",
@@ -74,11 +93,11 @@ def advice(diagnosis: Diagnosis) -> list[str]:
 def _of_named(effect: Effect) -> list[str]:
     """How to make sure of an effect, and what to do once it is sure."""
     sure = f"Make sure that it is there ({effect.summary.rstrip('.')}): {STAGE_CHECKS[effect.stage.value]}."
+    simulate = f"diagnose with --apply and sweep with the file that it writes ({effect.hook})"
     if effect.moves_cloth or effect.random_repeats:
-        then = f"To simulate with it, diagnose with --apply and sweep with the file that it writes ({effect.hook})."
-    else:
-        then = f"Once it is sure, correct what the capture set states of {effect.stage.value} and pose ({effect.hook})."
-    return [sure, then]
+        return [sure, f"To simulate with it, {simulate}."]
+    correct = CORRECTED.get(effect.name, f"correct what is stated of {effect.stage.value} and pose")
+    return [sure, f"Once it is sure, {correct}" + (f"; or {simulate}." if effect.name in MODELLED else ".")]
 
 
 def separating(cause: CauseReport) -> list[str]:
@@ -88,7 +107,7 @@ def separating(cause: CauseReport) -> list[str]:
     named = [effect.name for effect in cause.effects] or [cause.top]
     alike: dict[tuple[str, str], list[str]] = {}
     for other in cause.not_separable_from:
-        own = next((name for name in named if other in group_of(name)), named[0])
+        own = next((name for name in named if other in (*group_of(name), *cause.alike.get(name, ()))), named[0])
         alike.setdefault((own, remedy(own, other)), []).append(other)
     return [f"To tell {own} from {', '.join(others)}: {what}." for (own, what), others in alike.items()]
 
@@ -112,9 +131,9 @@ def _of_unknown(rows: Sequence[RegionGap], cause: CauseReport) -> list[str]:
     lines = []
     shown = strongest(rows)
     for row in shown:
-        much = f"{row.gap:.1f} {row.unit} against a floor of {row.noise_floor:.1f}, {row.scene}"
+        much = f"{row.gap:.2f} {row.unit} against a floor of {row.noise_floor:.2f}, {row.scene}"
         if row.by == "region":
-            lines.append(f"The gap is largest at {row.region} ({much}): {REGION_CHECKS[row.region]}.")
+            lines.append(f"The gap stands out most at {row.region} ({much}): {REGION_CHECKS[row.region]}.")
         elif row.by == "kind":
             lines.append(f"Its kind is {row.kind} ({much}): {KIND_CHECKS[row.kind]}.")
         else:
@@ -137,6 +156,11 @@ def not_tried(cause: CauseReport) -> list[str]:
     return sorted(set(catalogue()) - set(cause.probabilities))
 
 
+def is_wide(report: GapReport) -> bool:
+    """Captures and simulations lie far apart, whether or not that counts as a gap."""
+    return report.gap.value > WIDE * report.gap.noise_floor
+
+
 def _not_tried(cause: CauseReport) -> list[str]:
     left_out = not_tried(cause)
     return [f"Diagnose again with the whole catalogue: {', '.join(left_out)} were not tried."] if left_out else []
@@ -152,7 +176,7 @@ def _of_none(report: GapReport, fabrics: int) -> list[str]:
             "Check what is stated of fabrics and set-up, and add a repeat of every sample, taken down and hung again: "
             "there is a gap, and no effect that was tried makes it smaller."
         )
-    elif cause.probabilities["none"] < SURE_OF_NONE or fabrics == 1:
+    elif cause.probabilities["none"] < SURE_OF_NONE or fabrics == 1 or is_wide(report) or not_tried(cause):
         lines.append(
             "Add fabrics and repeats before the simulation is relied on: nothing speaks for an effect, but these "
             "captures say little against one."
@@ -163,11 +187,11 @@ def _of_none(report: GapReport, fabrics: int) -> list[str]:
     for row in strongest(report.where):
         if row.by != "stage":
             part = row.region if row.by == "region" else row.kind
-            much = f"{row.gap:.1f} {row.unit} against a floor of {row.noise_floor:.1f}"
-            lines.append(
-                f"Yet {part} differs in {row.scene} ({much}): one fabric with wrong parameters, or folds that were not "
-                "found, do that; look at the pictures."
-            )
+            much = f"{row.gap:.2f} {row.unit} against a floor of {row.noise_floor:.2f}"
+            why = "one fabric with wrong parameters, or folds that were not found, do that; look at the pictures"
+            if row.by == "kind" and row.kind in ("pixels", "panel_plane"):  # which no fabric and no fold does
+                why = KIND_CHECKS[row.kind]
+            lines.append(f"Yet {part} differs in {row.scene} ({much}): {why}.")
     lines.append(
         "This report does not say how small an effect such captures would have shown: drapemeter diagnose with "
         "--isolability does, from simulations of the same fabrics and scenes."

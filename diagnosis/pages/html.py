@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.afresh.fresh import is_finite
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import get_effect
-from diagnosis.groups import group_of
 from diagnosis.inference.block import Block
 from diagnosis.inference.cause import Cause
 from diagnosis.measurement.reference import CELLS
-from diagnosis.pages.advice import advice, not_tried
+from diagnosis.pages.advice import advice
+from diagnosis.pages.sentence import sentence
 from diagnosis.pages.where_figure import SURE, png_text, where_picture
-from diagnosis.report import FoundEffect, GapReport
+from diagnosis.report import FoundEffect
 from diagnosis.shrinkage.held_out import refitted_residual, response_of, sized
+from diagnosis.shrinkage.seen_depth import seen
 from diagnosis.tasks.fabric_task import CaptureResult, CaptureTask
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.html.j2"
@@ -25,10 +27,6 @@ MOST_PICTURES = 12
 """Six fabrics in both scenes; a page of more would take long to load."""
 REPEATS_SHOW = 1.02
 """Scatter of repeats above the noise floor by more than this is drawn beside it."""
-TOLD = 0.05
-"""A declared twin of what is named is told of from this probability on."""
-WIDE = 2.0
-"""A gap of so many noise floors that is still no gap needs a word why."""
 TEXTS = {
     "none": "nothing beyond repeats and stated uncertainties",
     "unknown": "something that no effect that was tried describes",
@@ -41,7 +39,8 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
 
     environment = Environment(autoescape=True)
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    report = diagnosis.report
+    pictures = _pictures(diagnosis)
+    report = diagnosis.recounted().report
     ordered = sorted(report.cause.probabilities.items(), key=lambda item: -item[1])
     causes = [{"name": n, "p": p, "text": TEXTS.get(n) or get_effect(n).summary} for n, p in ordered[:8]]
     return template.render(
@@ -51,7 +50,7 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
         sizes=[f"{effect.name}: {size_text(effect)}" for effect in report.cause.effects],
         sentence=sentence(diagnosis),
         todo=advice(diagnosis),
-        pictures=_pictures(diagnosis),
+        pictures=pictures,
         where=_where(diagnosis),
         sure=SURE,
         assumed=diagnosis.assumed,
@@ -61,9 +60,9 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
 
 
 def size_text(effect: FoundEffect) -> str:
-    """A size with its 90 % interval to three digits, lengths in millimetres, and its place; a vector component by
-    component."""
-    factor, unit = (1e3, "mm") if effect.unit == "m" else (1.0, effect.unit)
+    """A size with its 90 % interval to three digits, lengths in millimetres and shares in per cent, and its place; a
+    vector component by component."""
+    factor, unit = {"m": (1e3, "mm"), "1": (100.0, "%")}.get(effect.unit, (1.0, effect.unit))
     size, interval = effect.magnitude, effect.interval_90
     sizes = size if isinstance(size, dict) else {"": size}
     ends = interval if isinstance(interval, dict) else {"": interval}
@@ -99,66 +98,6 @@ def _has_repeats(diagnosis: Diagnosis) -> bool:
     return any(len(block.captures) > 1 for block in diagnosis.blocks if block.scene == judged)
 
 
-def sentence(diagnosis: Diagnosis) -> str:
-    """The finding in plain words."""
-    report = diagnosis.report
-    cause, detected = report.cause, report.gap.detected
-    names = [effect.name for effect in cause.effects] or [cause.top]
-    alike = sorted({twin for name in names for twin in group_of(name) if cause.probabilities.get(twin, 0.0) >= TOLD})
-    top, p = " with ".join(names), sum(cause.probabilities[name] for name in dict.fromkeys([*names, *alike]))
-    if len(names) == 2:  # of both, not of one or the other
-        p = diagnosis.cause.both_probability
-    twins = [twin for twin in alike if twin not in names]
-    gap = _gap_text(report)
-    if p < 0.5:
-        either = " or ".join([top, *twins])
-        return (
-            f"These captures do not tell what is missing ({gap}): {either} is likeliest, with probability {p:.2f} only."
-        )
-    if top == "none" and detected:
-        return f"They differ ({gap}), but nothing that was tried comes nearer (no effect: probability {p:.2f})."
-    if top == "none":
-        wide = report.gap.value > WIDE * report.gap.noise_floor
-        why = "; what is stated of the fabrics may be as wrong, or folds may have fallen otherwise" if wide else ""
-        return f"Simulation and captures agree as far as these captures can tell ({gap}{why}; probability {p:.2f})."
-    differ = f"They differ ({gap})" if detected else f"That they differ at all is not certain ({gap})"
-    if top == "unknown":
-        tried = "effect that was tried" if not_tried(cause) else "effect of the catalogue"
-        return f"{differ}, and no {tried} explains it (probability {p:.2f})."
-    summary = " ".join(get_effect(name).summary for name in names)
-    text = f"{differ}. Most probable cause: {top} (probability {p:.2f}). {summary}"
-    if twins:
-        text = (
-            f"{differ}. Most probable cause: {top}, or in its place {' or '.join(twins)}, which these captures do not "
-        )
-        text += f"tell from it (together probability {p:.2f}). {summary}"
-    if report.shrinkage is not None:
-        share = 100 * report.shrinkage.fraction
-        beside = "both" if len(names) == 2 else "it"
-        of = "the gap" if report.shrinkage.unit == "mm" else "what panel and pixels show"
-        if share >= 0.5:
-            text += f" With {beside}, {share:.0f} % of {of} above the floor goes away on held-out captures."
-        else:
-            text += f" Yet with {beside}, {of} does not shrink on held-out captures."
-    if all(get_effect(name).random_repeats for name in names):
-        text += " It makes repeats scatter and shifts none of them: no simulation comes nearer with it."
-    return text
-
-
-def _gap_text(report: GapReport) -> str:
-    """The gap and its floor; of what panel and pixels show, where that is what was found to differ."""
-    value, floor = report.gap.value, report.gap.noise_floor
-    against = "against a noise floor of" if value > floor else "within the noise floor of"
-    shape = f"{value:.2f} mm {against} {floor:.2f} mm"
-    found = report.shrinkage
-    if found is None or found.unit == "mm":
-        return shape
-    return (
-        f"panel and pixels by {found.before:.1f} {found.unit} on held-out captures, where chance makes "
-        f"{found.repeats or 1.0:.1f}; the cloth's shape by {shape}"
-    )
-
-
 def _where(diagnosis: Diagnosis) -> list[dict[str, str]]:
     """A picture of every scene's rows."""
     scenes = sorted({block.scene for block in diagnosis.blocks}, reverse=True)
@@ -186,12 +125,13 @@ def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
 
 
 def _after(diagnosis: Diagnosis, capture: CaptureResult) -> NDArray[np.float32] | None:
-    """Simulation with the named effects on, ideal picture [m]; None where nothing is named, what is only scatters, or
-    nothing is simulated afresh."""
-    look = diagnosis.looks.get(capture.fabric)
-    if look is None or not _shifts(diagnosis.cause):
+    """Simulation with the named effects on, seen through camera and sensor without noise [m]; None where nothing is
+    named, nothing is simulated afresh, it diverges, or a picture shows nothing of it: scatter and noise."""
+    look, effects = diagnosis.looks.get(capture.fabric), sized(diagnosis.cause)
+    if look is None or not _shifts(diagnosis.cause) or not is_finite(look.drape(capture, effects)):
         return None
-    return look.picture(capture, sized(diagnosis.cause))
+    after = seen(look, capture, effects)
+    return None if np.array_equal(after, capture.reference.depth) else after
 
 
 def _shifts(cause: Cause) -> bool:

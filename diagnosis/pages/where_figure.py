@@ -95,7 +95,7 @@ def _regions(figure: Any, axis: Any, scene: str, rows: Sequence[RegionGap]) -> N
             stage = f"\n{row.stage}" if sure and row.effect else ""
             axis.text(
                 *PLACES[row.region],
-                f"{row.region} {row.gap:.1f}/{row.noise_floor:.1f}{stage}",
+                f"{row.region} {row.gap:.2f}/{row.noise_floor:.2f}{stage}",
                 ha="center",
                 va="center",
                 fontsize=7,

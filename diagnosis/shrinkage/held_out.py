@@ -66,6 +66,23 @@ class Judge:
         return changes if rest.all() else np.where(rest[block.owner], changes, block.metres(whitened(block, shown)))
 
 
+def not_at_rest_with(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> list[str]:
+    """Captures that no simulation with what was found stands for, since it does not come to rest, in words."""
+    unrested = []
+    for one in held:
+        shown, look = on_shapes(one.effects), looks.get(one.block.fabric)
+        for capture in look.result.captures if look is not None and shown else ():
+            if capture.id in one.block.captures:
+                found = look.drape(capture, shown)
+                unrested += [capture.id] if found is not capture.base and not found.drape.ok else []
+    if not unrested:
+        return []
+    return [
+        f"{', '.join(sorted(set(unrested)))}: with what was found their simulation does not come to rest; how far the "
+        "gap shrinks there is told from responses to smaller sizes, not from a fresh simulation"
+    ]
+
+
 def _simulate(look: FreshLook, captures: Sequence[str], effects: Mapping[str, Sequence[Sized]]) -> None:
     """A fabric with its effects on, for some of the captures."""
     shown = on_shapes(effects[look.result.task.id])

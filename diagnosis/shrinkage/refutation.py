@@ -72,7 +72,7 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
         for closed, most in LITTLE:
             if measured.shrinkage.fraction < closed:
                 cause = cause.doubted(most)
-    return cause, measured
+    return (replace(cause, refuted_before=frozenset(refuted - set(cause.named))) if refuted else cause), measured
 
 
 def _times_doubted(cause: Cause, measured: Measured, measure: Measure) -> int:

@@ -38,7 +38,7 @@ def seen_depth(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> SeenDept
             tally.begin()
         for number, capture in enumerate(own):
             depth = depths[capture.id]
-            plain, changed = look.picture(capture, ()), _seen(look, capture, one.effects)
+            plain, changed = look.picture(capture, ()), seen(look, capture, one.effects)
             alike = [depths[other.id] for other in own[:number] if seen_alike(look, capture, other)]
             for region, tally in tallies.items():
                 shown = capture.reference.cell >= 0
@@ -103,11 +103,7 @@ def seen_alike(look: FreshLook, capture: CaptureResult, other: CaptureResult) ->
     return look.scene_of(capture) == look.scene_of(other)
 
 
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values))
-
-
-def _seen(look: FreshLook, capture: CaptureResult, effects: Sequence[Sized]) -> Picture:
+def seen(look: FreshLook, capture: CaptureResult, effects: Sequence[Sized]) -> Picture:
     """The simulation with effects on, read by the sensor without what is a matter of chance."""
     scene = with_effects(look.scene_of(capture), effects)
     sensor = SensorModel(
@@ -117,6 +113,10 @@ def _seen(look: FreshLook, capture: CaptureResult, effects: Sequence[Sized]) -> 
         filter_px=scene.sensor.filter_px,
     )
     return sensor.apply(look.picture(capture, effects), np.random.default_rng(0), camera=scene.camera)
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
 
 
 def _square(one: Picture, other: Picture, shown: NDArray[np.bool_]) -> float:

@@ -150,16 +150,18 @@ def _diagnose(
 ) -> None:
     from diagnosis.diagnose import diagnose as run
     from diagnosis.extension import SimulatorExtension
-    from diagnosis.pages.html import render_html, sentence
+    from diagnosis.pages.html import render_html
+    from diagnosis.pages.sentence import sentence
     from renderer.atomic import write_atomically
     from services.cli.diagnose_apply import doubts, held_m
 
     with console.progress("simulating", total=_shown(captures)) as bar:
         found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
-    cache.trim()
     make_folder(out, "give another folder for the report")
     earlier = (out / REPORT).exists()
     page = render_html(found, captures.document.name or captures.folder.resolve().name)
+    found = found.recounted()
+    cache.trim()
     write_atomically(out / PAGE, page.encode())
     document = found.report.as_json()
     write_atomically(out / REPORT, (json.dumps(to_plain(document), indent=1, allow_nan=False) + "\n").encode())

@@ -54,13 +54,14 @@ def doubts(made: SimulatorExtension, found: Diagnosis) -> Iterator[str]:
 def _of_another_rig(made: SimulatorExtension, scenes: list[SimulationScene]) -> Iterator[str]:
     """Sizes that go with the captures' sample, camera or sensor and are applied to the nominal ones as they are."""
     nominal = SimulationScene(Setup.nominal("hanging"))
-    sizes = {max(scene.setup.sample_size_m) for scene in scenes}
-    usual = max(nominal.setup.sample_size_m)
-    on_cloth = [e.name for e in made.effects if get_effect(e.name).stage in (Stage.FABRIC, Stage.SETUP)]
-    if on_cloth and any(abs(size / usual - 1.0) > ALIKE for size in sizes):
+    sizes = {scene.setup.sample_size_m for scene in scenes}
+    usual = nominal.setup.sample_size_m
+    on_cloth = [e.name for e in made.effects if _goes_with_the_sample(e.name)]
+    if on_cloth and any(abs(a / b - 1.0) > ALIKE for size in sizes for a, b in zip(size, usual, strict=True)):
+        found = ", ".join(f"{1e3 * a:.4g} x {1e3 * b:.4g}" for a, b in sorted(sizes))
         yield (
-            f"the size of {' and '.join(on_cloth)} was found on samples of {_listed(sizes)} mm and is applied as it is "
-            f"to samples of {1e3 * usual:g} mm"
+            f"the size of {' and '.join(on_cloth)} was found on samples of {found} mm and is applied as it is "
+            f"to samples of {1e3 * usual[0]:g} x {1e3 * usual[1]:g} mm"
         )
     names = {effect.name for effect in made.effects}
     sharp = {_pixels_a_metre(scene) / _pixels_a_metre(nominal) for scene in scenes}
@@ -75,6 +76,11 @@ def _of_another_rig(made: SimulatorExtension, scenes: list[SimulationScene]) -> 
             f"range_noise is at the distance that the set states for its sensor; at the {nominal.sensor.at_m:g} m of "
             f"an ideal sensor it would be {_between(noise)} times as large"
         )
+
+
+def _goes_with_the_sample(name: str) -> bool:
+    """Its size says something of the sample or its magnets; a tilt is of the panel."""
+    return get_effect(name).stage in (Stage.FABRIC, Stage.SETUP) and name != "panel_tilt"
 
 
 def _pixels_a_metre(scene: SimulationScene) -> float:

@@ -12,7 +12,8 @@ from diagnosis.atlas import build_atlas, open_atlas
 from diagnosis.atlas_part import atlas_parts
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.effects import get_effect
-from diagnosis.pages.html import render_html, sentence
+from diagnosis.pages.html import render_html
+from diagnosis.pages.sentence import sentence
 from diagnosis.scene import SimulationScene
 from renderer.atomic import write_atomically
 from services.dataset.atlas import solver_on_ray
@@ -76,9 +77,11 @@ def explain(captures: Path, atlas_folder: Path, report: Path, *, resolution_m: f
     atlas = build_atlas(parts, cache, solve=solver_on_ray(None, workers))
     found = diagnose(shown, options, cache=cache)
     report.mkdir(exist_ok=True)
+    page = render_html(found, captures.name)
+    found = found.recounted()
     document = found.report.as_json()
     write_atomically(report / "report.json", (json.dumps(document, indent=1) + "\n").encode())
-    write_atomically(report / "report.html", render_html(found, captures.name).encode())
+    write_atomically(report / "report.html", page.encode())
     shrinkage = document["shrinkage"]
     return GapSummary(
         sentence=sentence(found),

@@ -23,6 +23,7 @@ from diagnosis.blind.make import (
     case_maker,
     draw_kinds,
     draw_label,
+    hidden_effects,
     is_sealed,
     make_blind_check,
     visible_effects,
@@ -94,6 +95,8 @@ def test_a_pair_counts_with_all_that_it_has() -> None:
     pair = Answer(pair.name, pair.label, report, pair.baselines)
     assert pair.certainty == pytest.approx(0.95)
     assert score([pair]).withheld_misnamed.hits == 1
+    report["cause"]["both_probability"] = 0.6
+    assert pair.certainty == 0.6 and score([pair]).withheld_misnamed.hits == 0
     twins = answer("named", [TILT], "panel_tilt", 0.6)
     report = {
         **twins.report,
@@ -106,6 +109,13 @@ def test_what_hanging_alone_cannot_show_is_not_drawn() -> None:
     both, hanging = BlindPlan(24, 0), BlindPlan(24, 0, scenes=("hanging",))
     lost = {e.name for e in visible_effects(both)} - {e.name for e in visible_effects(hanging)}
     assert lost == {"corner_pull"}
+    manifest = {"cases": 24, "seed": 0, "scenes": ["hanging"], **_manifest()}
+    assert set(hidden_effects(manifest)) == {"corner_pull", "panel_friction"}
+
+
+def test_the_page_tells_of_no_classifier_where_none_answered() -> None:
+    unnamed = [answer("none", [], "none", 0.7, detected=False)]
+    assert "classifier" not in score(unnamed).baselines
 
 
 def test_a_case_that_cannot_be_simulated_stands_in_nobodys_way(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ import pytest
 
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.extension import SimulatorExtension
-from diagnosis.pages.html import render_html, sentence
+from diagnosis.pages.html import render_html
+from diagnosis.pages.sentence import sentence
 from diagnosis.report import GapReport
 from diagnosis.simulation.drape_cache import DrapeCache
 from simcore.errors import InputError

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.effects import get_effect
-from diagnosis.shrinkage.held_out import Judge, whitened
+from diagnosis.shrinkage.held_out import Judge, not_at_rest_with, whitened
 from diagnosis.simulation.sizes import nodes
 from tests.diagnosis.test_refutation import held
 
@@ -35,3 +35,15 @@ def test_what_does_not_come_to_rest_counts_as_known_without_a_simulation(at_rest
     known = block.metres(whitened(block, [TURNED]))
     assert np.abs(known - shown).max() > 1e-4
     np.testing.assert_array_equal(found, shown if at_rest else known)
+
+
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_captures_for_which_no_fresh_simulation_stands_are_told_of(at_rest: bool) -> None:
+    base = SimpleNamespace(drape=SimpleNamespace(ok=False))  # of that the report tells elsewhere
+    captures = [SimpleNamespace(id=name, base=base) for name in ("a", "b")]
+    drape = SimpleNamespace(drape=SimpleNamespace(ok=at_rest))
+    looks: Any = {"f1": SimpleNamespace(result=SimpleNamespace(captures=captures), drape=lambda *_: drape)}
+    lines = not_at_rest_with([held("f1", 2.0, 0.5, camera=1.0)], looks)
+    assert lines == [] if at_rest else len(lines) == 1 and lines[0].startswith("a: with what was found")
+    looks["f1"].drape = lambda capture, _: capture.base
+    assert not_at_rest_with([held("f1", 2.0, 0.5, camera=1.0)], looks) == []

@@ -11,14 +11,18 @@ import numpy as np
 import pytest
 
 from diagnosis.diagnose import Diagnosis
-from diagnosis.effects import catalogue
+from diagnosis.effects import catalogue, get_effect
 from diagnosis.gap.where import where_gaps
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.likelihood import LikelihoodModel
-from diagnosis.pages.advice import KIND_CHECKS, REGION_CHECKS, STAGE_CHECKS, advice, strongest
-from diagnosis.pages.html import _bars, render_html, sentence, size_text
+from diagnosis.pages.advice import CORRECTED, KIND_CHECKS, MODELLED, REGION_CHECKS, STAGE_CHECKS, advice, strongest
+from diagnosis.pages.html import _after, _bars, render_html, size_text
+from diagnosis.pages.sentence import sentence
 from diagnosis.remedies import KNOWN
 from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap, Shrinkage
+from diagnosis.scene import SimulationScene
+from diagnosis.simulation.simulator import Cost
+from simcore.scenes import Setup
 from tests.diagnosis.where_blocks import CURL, EFFECTS, make_blocks, make_pixels
 
 
@@ -61,8 +65,16 @@ def test_of_a_named_effect_it_is_said_how_to_make_sure_of_it_and_what_then() -> 
     hem = advised(report("hem_weight"))
     assert "adds mass along the bottom edge" in hem and "turned by a quarter" in hem and "--apply" in hem
     bias = advised(report("depth_bias"))
-    assert "bare panel at two distances" in bias and "correct what the capture set states" in bias
+    assert "bare panel at two distances" in bias and "take it off the depths" in bias
     assert "--apply" not in bias
+
+
+def test_what_a_capture_set_cannot_state_is_not_to_be_corrected_there() -> None:
+    seen = {name for name, effect in catalogue().items() if effect.stage.value in ("camera", "sensor")}
+    assert set(CORRECTED) == seen
+    stated = {name for name in seen if "capture set (sensor." in advised(report(name))}
+    assert stated == {"range_noise", "quantisation"}
+    assert {name for name in seen if "--apply" in advised(report(name))} == set(MODELLED)
 
 
 def test_of_something_unknown_the_advice_goes_where_the_gap_lies() -> None:
@@ -80,7 +92,7 @@ def test_of_something_unknown_the_advice_goes_where_the_gap_lies() -> None:
     text = advised(report("unknown", rows=rows))
     for check in (REGION_CHECKS["pins"], KIND_CHECKS["low_order"], STAGE_CHECKS["setup"]):
         assert check in text
-    assert "pin_drop" in text and "4.0 mm against a floor of 0.5" in text
+    assert "pin_drop" in text and "stands out most at pins (4.00 mm against a floor of 0.50" in text
     for check in (REGION_CHECKS["hem"], REGION_CHECKS["interior"], REGION_CHECKS["sides"], STAGE_CHECKS["camera"]):
         assert check not in text
     assert "not tried" not in text
@@ -106,7 +118,18 @@ def test_of_no_effect_nothing_is_to_be_done_and_isolability_says_what_would_have
     text = advised(report("none"))
     assert "Nothing needs to be done" in text and "--isolability" in text and "Yet" not in text
     odd = advised(report("none", rows=(row(by="region", region="hem"),)))
-    assert "Yet hem differs in stretch (3.0 mm against a floor of 0.5)" in odd
+    assert "Yet hem differs in stretch (3.00 mm against a floor of 0.50): one fabric with wrong parameters" in odd
+    panel = advised(report("none", rows=(row(by="kind", kind="panel_plane"),)))
+    assert KIND_CHECKS["panel_plane"] in panel and "wrong parameters" not in panel
+
+
+def test_a_wide_gap_or_a_part_of_the_catalogue_is_no_reason_to_do_nothing() -> None:
+    told = report("none")
+    wide = told.model_copy(update={"gap": told.gap.model_copy(update={"value": 3.0})})
+    few = {name: p for name, p in told.cause.probabilities.items() if name != "crease"}
+    part = told.model_copy(update={"cause": told.cause.model_copy(update={"probabilities": few})})
+    for one in (wide, part):
+        assert "say little against one" in advised(one) and "Nothing needs" not in advised(one)
 
 
 def test_where_little_speaks_against_an_effect_more_is_asked_for() -> None:
@@ -147,6 +170,14 @@ def test_of_two_named_effects_each_is_told_from_its_own_kind() -> None:
     draft = FoundEffect(name="air_draft", stage="environment", magnitude=0.2, unit="Pa", interval_90=(0.1, 0.3))
     cause = told.cause.model_copy(update={"effects": (*told.cause.effects, draft)})
     assert "To tell air_draft from panel_tilt" in advised(told.model_copy(update={"cause": cause}))
+
+
+def test_of_two_named_effects_what_captures_do_not_tell_apart_goes_with_the_one_it_is_like() -> None:
+    told = report("depth_scale", alike=("panel_adhesion",))
+    draft = FoundEffect(name="air_draft", stage="environment", magnitude=0.2, unit="Pa", interval_90=(0.1, 0.3))
+    alike: dict[str, tuple[str, ...]] = {"depth_scale": (), "air_draft": ("panel_adhesion",)}
+    cause = told.cause.model_copy(update={"effects": (*told.cause.effects, draft), "alike": alike})
+    assert "To tell air_draft from panel_adhesion" in advised(told.model_copy(update={"cause": cause}))
 
 
 def test_a_single_fabric_and_a_missing_stretch_are_asked_for() -> None:
@@ -205,6 +236,24 @@ def test_the_sentence_says_what_the_numbers_say() -> None:
     assert "They differ" in told("none", 0.9) and "agree" not in told("none", 0.9)
 
 
+def test_two_effects_that_are_not_sure_are_not_said_to_be_likelier_than_one() -> None:
+    made = report("hem_weight", 0.7)
+    crease = made.cause.effects[0].model_copy(update={"name": "crease"})
+    shown = made.model_copy(update={"cause": made.cause.model_copy(update={"effects": (*made.cause.effects, crease)})})
+    text = sentence(SimpleNamespace(report=shown, cause=SimpleNamespace(both_probability=0.21)))  # type: ignore[arg-type]
+    assert "hem_weight is likeliest, alone or beside another effect; that it is there with crease" in text
+    assert "probability 0.21 only" in text
+
+
+def test_where_the_shape_is_within_its_floor_the_sentence_says_what_differs() -> None:
+    made = report("unknown", 0.97)
+    for key, words in (("p_pixels", "panel and pixels, p = 1e-09"), ("p_factor", "have in common, p = 1e-09")):
+        ps = {"p_shape": 1.0, "p_pixels": 1.0, "p_factor": 1.0, key: 1e-9}
+        gap = Gap.model_validate({**made.gap.model_dump(), "value": 0.3, **ps})
+        text = sentence(SimpleNamespace(report=made.model_copy(update={"gap": gap})))  # type: ignore[arg-type]
+        assert words in text and "the cloth's shape by 0.30 mm within the noise floor" in text
+
+
 def test_a_declared_twin_that_is_as_likely_is_told_of_and_counts_with_what_is_named() -> None:
     level = told("air_draft", 0.49, panel_tilt=0.49, pin_spacing=0.02)
     assert "air_draft, or in its place panel_tilt" in level and "together probability 0.98" in level
@@ -223,6 +272,8 @@ def test_sizes_are_told_to_three_digits_and_lengths_in_millimetres() -> None:
         name="pin_spacing", stage="setup", magnitude=0.0055841581, unit="m", interval_90=(0.003732209, 0.008349146)
     )
     assert size_text(length) == "5.58 mm (90 % interval 3.73 to 8.35)"
+    share = {"name": "dropout", "stage": "sensor", "magnitude": 0.0152, "unit": "1", "interval_90": (0.01, 0.02)}
+    assert size_text(FoundEffect.model_validate(share)) == "1.52 % (90 % interval 1 to 2)"
     turn = FoundEffect(
         name="camera_rotation",
         stage="camera",
@@ -283,3 +334,28 @@ def test_where_repeats_lie_farther_than_the_explained_ones_both_are_drawn(
     )
     shown = replace(made, report=made.report.model_copy(update={"shrinkage": shrinkage}))
     assert [name for name, _, _ in _bars(shown)] == ["before", "after", "noise floor", *names]
+
+
+def test_what_is_simulated_for_the_page_counts(made: Diagnosis) -> None:
+    look: Any = SimpleNamespace(simulator=SimpleNamespace(cost=Cost(simulations=3, cached=2, seconds=1.5)))
+    shown = replace(made, looks={"f1": look}, spent=Cost(simulations=4))
+    cost = shown.recounted().report.cost
+    assert (cost.simulations, cost.cached, cost.solver_seconds) == (7, 2, 1.5)
+    assert cost.seconds == made.report.cost.seconds
+
+
+@pytest.mark.parametrize("top", ["depth_bias", "dropout", "pin_drop"])
+def test_the_picture_with_what_was_found_shows_it_or_is_left_out(top: str) -> None:
+    """Of a bias all that is seen is farther; holes are chance; what diverged is nothing that was found."""
+    plain = SimulationScene(Setup.nominal("stretch"))
+    flat = np.full((4, 4), 0.9, dtype=np.float32)
+    capture: Any = SimpleNamespace(fabric="f1", reference=SimpleNamespace(depth=flat))
+    vertices = np.full((2, 3), np.nan if top == "pin_drop" else 0.0)
+    drape = SimpleNamespace(drape=SimpleNamespace(ok=False, vertices=vertices))
+    look: Any = SimpleNamespace(drape=lambda *_: drape, scene_of=lambda _: plain, picture=lambda *_: flat)
+    cause: Any = SimpleNamespace(named=(top,), size=lambda name: get_effect(name).typical())
+    after = _after(SimpleNamespace(looks={"f1": look}, cause=cause), capture)  # type: ignore[arg-type]
+    if top == "depth_bias":
+        assert after is not None and (after > flat).all()
+    else:
+        assert after is None

@@ -68,7 +68,10 @@ def test_the_radius_is_the_one_that_was_simulated() -> None:
 
 def test_sizes_of_another_rig_are_told() -> None:
     small = SimulationScene(Setup.nominal("stretch", sample_size_m=(0.25, 0.25)))
-    assert any("samples of 250 mm" in line for line in doubts(made(hem_weight=20.0), found(small)))
+    assert any("samples of 250 x 250 mm" in line for line in doubts(made(hem_weight=20.0), found(small)))
+    assert not any("samples of" in line for line in doubts(made(panel_tilt=8.0), found(small)))
+    oblong = SimulationScene(Setup.nominal("stretch", sample_size_m=(0.3, 0.5)))
+    assert any("samples of 300 x 500 mm" in line for line in doubts(made(hem_weight=20.0), found(oblong)))
     sharp = replace(PLAIN, camera=replace(PLAIN.camera, fx=480.0, fy=480.0))
     assert any("1.5 times" in line for line in doubts(made(sensor_smoothing=2.0), found(sharp)))
     pose = np.array(PLAIN.camera_from_panel)

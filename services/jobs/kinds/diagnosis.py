@@ -80,6 +80,7 @@ def run(task: Task, report: Report) -> TaskOutput:
     advance = counting(report, len(shown), "fabrics")
     drapes = DrapeCache.default()
     found = diagnose(captures, options, cache=drapes, on_fabric=lambda _: advance())
-    drapes.trim()
     page = render_html(found, captures.document.name or "capture set")
+    found = found.recounted()
+    drapes.trim()
     return TaskOutput(found.report.as_json(), (FileContent("report.html", "text/html", page.encode()),))
