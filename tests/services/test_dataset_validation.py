@@ -78,7 +78,11 @@ def test_failures_without_a_reason_and_empty_pictures_are_noticed(store: Path) -
 
 def test_a_missing_array_is_noticed(store: Path) -> None:
     (store / "jitter" / "zarr.json").unlink()
-    assert faults(store) == "array jitter is missing"
+    said = f"{store}: array jitter is missing: put it back from a copy, or make the store again"
+    assert faults(store) == said
+    with pytest.raises(StoreError) as caught:
+        _ = Store.open(store).jitter
+    assert (str(caught.value), caught.value.code) == (said, "store_damaged")
 
 
 def test_figures_show_fabrics_and_pictures(store: Path, tmp_path: Path) -> None:
