@@ -230,12 +230,13 @@ class Store:
         return found
 
     def object_sizes(self) -> dict[str, int]:
-        """Bytes that the store's objects take, by array name (metadata is left out)."""
+        """Bytes that the objects of finished shards take, by array name (metadata is left out)."""
+        finished = {str(shard) for shard in np.flatnonzero(self.complete)}
         sizes: dict[str, int] = {}
         with read_errors(self.url):
             for key, size in listed_sizes(self.url):
                 name, _, part = key.partition("/c/")
-                if part:
+                if part.split("/")[0] in finished:
                     sizes[name] = sizes.get(name, 0) + size
         return sizes
 

@@ -144,6 +144,7 @@ def run_sweep(
 
 
 def count_failures(store: Store) -> dict[str, int]:
-    """Failed or missing rows by status."""
-    codes, counts = np.unique(store.status[~store.ok], return_counts=True)
+    """Failed or missing rows by status; all rows of a shard that is not finished are missing."""
+    status = np.where(store.finished, store.status, RowStatus.MISSING)
+    codes, counts = np.unique(status[status != RowStatus.OK], return_counts=True)
     return {RowStatus(int(code)).label: int(count) for code, count in zip(codes, counts, strict=True)}
