@@ -78,8 +78,8 @@ class ShardWorker:
             yield from self._run(task)
         except MemoryError as error:
             raise OutOfMemoryError(
-                f"out of memory ({str(error) or type(error).__name__}): use coarser cells, or run fewer processes side by "
-                "side"
+                f"out of memory ({str(error) or type(error).__name__}): use coarser cells, or run fewer processes side "
+                "by side"
             ) from error
 
     def _run(self, task: ShardTask) -> Iterator[SimulationDone | ShardSolved]:
