@@ -118,9 +118,13 @@ def _knock(address: str) -> None:
 
 
 def _no_cluster(address: str, why: str) -> InputError:
-    remedy = "unset RAY_ADDRESS" if _is_from_environment(address) else "leave --address out"
+    if _is_from_environment(address):
+        return InputError(
+            f"no Ray cluster answers at {_named(address)} ({why}); start one, or unset RAY_ADDRESS",
+            code="cluster_missing",
+        )
     return InputError(
-        f"no Ray cluster answers at {_named(address)} ({why}); start one, or {remedy}", code="cluster_missing"
+        f"no Ray cluster answers at {address} ({why}); start one, or leave --address out", code="cluster_missing"
     )
 
 
