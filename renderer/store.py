@@ -114,8 +114,7 @@ class Store:
     @cached_property
     def ok(self) -> NDArray[np.bool_]:
         """Which samples may be used, bool, shape [N]; none of a shard that is not finished."""
-        finished = np.repeat(self.complete, self.layout.rows_per_shard)[: len(self.status)]
-        return np.asarray((self.status == RowStatus.OK) & finished)
+        return np.asarray((self.status == RowStatus.OK) & self.finished)
 
     @cached_property
     def materials(self) -> NDArray[np.uint32]:
@@ -123,10 +122,15 @@ class Store:
         return self.column("material")
 
     @cached_property
+    def scene_codes(self) -> NDArray[np.uint8]:
+        """Scene of each sample as stored (:data:`~renderer.store_format.SCENE_NAMES`), uint8, shape [N]."""
+        return self.column("scene")
+
+    @cached_property
     def scene(self) -> NDArray[Any]:
         """Scene name of each sample, str, shape [N]."""
         names = np.array([SCENE_NAMES[code] for code in range(len(SCENE_NAMES))])
-        return np.asarray(names[self.column("scene")])
+        return np.asarray(names[self.scene_codes])
 
     @cached_property
     def jitter(self) -> NDArray[np.uint32]:
@@ -161,6 +165,11 @@ class Store:
         with read_errors(self.url):
             finished[[shard for shard in sync(marked()) if shard < self.shards]] = True
         return finished
+
+    @cached_property
+    def finished(self) -> NDArray[np.bool_]:
+        """Which samples lie in finished shards, bool, shape [N]."""
+        return np.repeat(self.complete, self.layout.rows_per_shard)[: len(self)]
 
     def column(self, name: str) -> NDArray[Any]:
         """A whole array of the contract by name; mind the size of ``depth`` and ``drapes/vertices``."""
@@ -221,12 +230,13 @@ class Store:
         return found
 
     def object_sizes(self) -> dict[str, int]:
-        """Bytes that the store's objects take, by array name (metadata is left out)."""
+        """Bytes that the objects of finished shards take, by array name (metadata is left out)."""
+        finished = {str(shard) for shard in np.flatnonzero(self.complete)}
         sizes: dict[str, int] = {}
         with read_errors(self.url):
             for key, size in listed_sizes(self.url):
                 name, _, part = key.partition("/c/")
-                if part:
+                if part.split("/")[0] in finished:
                     sizes[name] = sizes.get(name, 0) + size
         return sizes
 
@@ -234,9 +244,15 @@ class Store:
         """The Zarr array of that name.
 
         Raises:
-            KeyError: there is none.
+            StoreError: it is lost, or what is there is none.
         """
         if name not in self._arrays:
-            with read_errors(self.url):
-                self._arrays[name] = self._group[name]
+            place = f"{self.url}: array {name}"
+            with read_errors(place):
+                try:
+                    self._arrays[name] = self._group[name]
+                except KeyError:
+                    raise StoreError(
+                        f"{place} is missing: put it back from a copy, or make the store again", code="store_damaged"
+                    ) from None
         return self._arrays[name]

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from simcore.errors import StoreError
@@ -109,6 +111,22 @@ class StoreLayout(BaseModel):
         rest, jitter = divmod(simulation, self.jitters)
         material, scene = divmod(rest, len(self.scenes))
         return material, scene, jitter
+
+    def columns(self, rows: NDArray[np.integer[Any]] | range) -> dict[str, NDArray[Any]]:
+        """What the columns that tell where a sample belongs hold in some rows, by name, shape [rows] each.
+
+        Args:
+            rows: sample numbers, shape [rows].
+        """
+        simulation, picture = np.divmod(np.asarray(rows, dtype=np.int64), self.pictures)
+        rest, jitter = np.divmod(simulation, self.jitters)
+        material, scene = np.divmod(rest, len(self.scenes))
+        return {
+            "material": material,
+            "scene": np.array([SCENE_CODES[name] for name in self.scenes])[scene],
+            "jitter": jitter,
+            "inclination_deg": np.asarray(self.inclinations_deg, dtype=np.float32)[picture],
+        }
 
     @classmethod
     def from_attributes(cls, value: Any) -> StoreLayout:

@@ -18,6 +18,7 @@ from renderer.store_format import (
     StoreLayout,
     array_specs,
     combine_digests,
+    object_key,
     per_shard,
 )
 from renderer.store_location import (
@@ -158,7 +159,7 @@ class StoreWriter:
         return cls(url, group, layout, digests)
 
     def write_shard(self, shard: int, rows: ShardRows) -> str:
-        """Write one whole shard, then its completion mark; writing it again replaces it.
+        """Write one whole shard, then its completion mark; writing it again replaces it, damaged or not.
 
         Returns:
             The shard's checksum, hexadecimal.
@@ -172,6 +173,7 @@ class StoreWriter:
         self._check_whole(shard, rows)
         self._digests.clear()
         with store_errors(self.url), zarr.config.set({"array.write_empty_chunks": True}):
+            self._clear(shard)
             for spec in array_specs(self.layout)[:-1]:
                 numbers = self.layout.shard_simulations(shard) if spec.per == "simulation" else None
                 place = numbers if numbers is not None else self.layout.shard_rows(shard)
@@ -179,6 +181,13 @@ class StoreWriter:
             total = combine_digests(list(self._digests.items()))
             self._array(array_specs(self.layout)[-1])[shard] = np.frombuffer(total, dtype=np.uint8)
         return total.hex()
+
+    def _clear(self, shard: int) -> None:
+        """Remove a shard's objects, the mark first: Zarr reads what it writes over, and cannot read what is damaged."""
+        from zarr.core.sync import sync
+
+        for spec in reversed(array_specs(self.layout)):
+            sync(self._group.store.delete(object_key(spec, shard)))
 
     def _array(self, spec: ArraySpec) -> Any:
         if spec.name not in self._arrays:

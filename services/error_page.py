@@ -19,6 +19,7 @@ KINDS = {
     "InputError": "2 / 422",
     "MissingResourceError": "1 / 503",
     "SimulationError": "1 / 500",
+    "OutOfMemoryError": "1 / 500",
     "StoreError": "1 / 500",
     "DrapemeterError": "1 / 500",
     "InferenceBusyError": "- / 503",

@@ -49,6 +49,12 @@ class SimulationError(DrapemeterError):
     code = "simulation_failed"
 
 
+class OutOfMemoryError(SimulationError):
+    """A simulation found too little memory; the same may do where others leave more."""
+
+    code = "out_of_memory"
+
+
 class StoreError(DrapemeterError):
     """A store cannot be read or written."""
 

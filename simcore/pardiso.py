@@ -14,7 +14,7 @@ from importlib import metadata
 import numpy as np
 from numpy.typing import NDArray
 
-from simcore.errors import MissingResourceError, SimulationError
+from simcore.errors import MissingResourceError, OutOfMemoryError, SimulationError
 
 _POSITIVE_DEFINITE, _INDEFINITE = 2, -2
 """Kinds of real symmetric matrices."""
@@ -74,7 +74,8 @@ class Factorisation:
         single: factor in single precision: half the time and memory; good for a direction, not for a certificate.
 
     Raises:
-        SimulationError: from each method: PARDISO failed, most likely for want of memory.
+        OutOfMemoryError: from each method: there was not enough memory.
+        SimulationError: from each method: PARDISO failed otherwise.
     """
 
     def __init__(self, indptr: NDArray[np.int32], indices: NDArray[np.int32], single: bool = False) -> None:
@@ -126,7 +127,7 @@ class Factorisation:
         if error == 0 or (phase == _FACTOR and error == _ZERO_PIVOT):
             return error
         if error == _OUT_OF_MEMORY:
-            raise SimulationError(
+            raise OutOfMemoryError(
                 f"out of memory: {self.n} equations of a mesh could not be solved: use coarser cells, or run fewer "
                 "processes side by side",
                 code="factorisation_failed",
@@ -148,7 +149,8 @@ class Factorisation:
             are no factors to solve with then.
 
         Raises:
-            SimulationError: there was not enough memory, or PARDISO failed otherwise.
+            OutOfMemoryError: there was not enough memory.
+            SimulationError: PARDISO failed otherwise.
         """
         self._values = values.astype(self._real, copy=False)
         self._held = True

@@ -128,7 +128,7 @@ class Solver:
         Raises:
             InputError: the set-up's sample is not the mesh's, its pins cannot hold it, ``start`` is of another mesh, or
                 the seed is none.
-            SimulationError: there was not enough memory.
+            OutOfMemoryError: there was not enough memory.
         """
         check_request(self.mesh, setup, start, time_limit_s)
         began = time.process_time()

@@ -104,7 +104,9 @@ def as_long(config: TrainConfig, pictures: PictureTable) -> TrainConfig:
 
 
 def table(results: Mapping[str, Metrics], predictor: str = "hanging+stretch") -> str:
-    """Markdown: a row a configuration; error over the training range (paper's), typical factor and Spearman."""
+    """Markdown: a row a configuration; error over the training range (paper's), typical factor and Spearman. Dashes
+    where no tested fabric shows what the predictor sees.
+    """
     lines = [
         "| configuration | stretch: l1 | factor | r | bending: l1 | factor | r |",
         "|---|---|---|---|---|---|---|",
@@ -112,6 +114,9 @@ def table(results: Mapping[str, Metrics], predictor: str = "hanging+stretch") ->
     for name, metrics in results.items():
         cells = []
         for prefix in ("stretch", "bending"):
+            if predictor not in metrics.scores:
+                cells += ["-"] * 3
+                continue
             cells += [
                 number_text(metrics.average(predictor, "mae_range", prefix), 3),
                 f"{math.exp(metrics.average(predictor, 'mae_log', prefix)):.2f}",

@@ -50,7 +50,7 @@ class Augmenter:
         if not self.config.active:
             return pictures
         with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(seed)
+            torch.manual_seed(seed % 2**64)  # it takes no more, and the rest of a training takes seeds of any size
             height = self._deform(pictures / FULL_HEIGHT_M)
             # Noise can reach behind the panel.
             height = self._posterise(height.clamp(-_LIFT, 1.0 - _LIFT))

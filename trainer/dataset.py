@@ -267,17 +267,19 @@ def pair_up(table: PictureTable, generator: np.random.Generator | None) -> NDArr
 
     With a generator the pictures of a material are matched at random across scenes, else in their order.
     """
-    pairs: list[NDArray[np.int64]] = []
-    for material in np.unique(table.material):
-        columns = []
-        for scene in range(len(SCENES)):
-            entries = np.flatnonzero((table.material == material) & (table.scene == scene))
-            columns.append(generator.permutation(entries) if generator is not None else entries)
+    materials, place = np.unique(table.material, return_inverse=True)
+    group = place * len(SCENES) + table.scene
+    ends = np.cumsum(np.bincount(group, minlength=len(materials) * len(SCENES)))
+    groups = np.split(np.argsort(group, kind="stable"), ends[:-1])
+    pairs = [np.empty((0, len(SCENES)), dtype=np.int64)]
+    for start in range(0, len(groups), len(SCENES)):
+        entries = groups[start : start + len(SCENES)]
+        columns = [generator.permutation(column) for column in entries] if generator is not None else entries
         block = np.full((max(map(len, columns)), len(SCENES)), -1, dtype=np.int64)
-        for scene, entries in enumerate(columns):
-            block[: len(entries), scene] = entries
+        for scene, column in enumerate(columns):
+            block[: len(column), scene] = column
         pairs.append(block)
-    return np.concatenate(pairs) if pairs else np.empty((0, len(SCENES)), dtype=np.int64)
+    return np.concatenate(pairs)
 
 
 def _collate(samples: list[Pair | DrapemeterError]) -> Batch | DrapemeterError:

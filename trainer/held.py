@@ -9,14 +9,19 @@ from capture.setup import DEFAULT_PIN_RADIUS_M
 
 
 def held_in_training(provenance: Mapping[str, Any]) -> tuple[float, ...]:
-    """What they held round a corner [m]: of each of the sweeps that a model's store was merged from; nominal where the
-    store says nothing.
+    """What they held round a corner [m]: of each of the sweeps that a model's store was merged from, and of those that
+    the model learnt from that it goes on from; nominal where a store says nothing.
 
     Args:
         provenance: of a model (:attr:`trainer.model.TrainedModel.provenance`).
     """
+    return tuple(sorted(set(_learnt(provenance))))
+
+
+def _learnt(provenance: Mapping[str, Any]) -> list[float]:
     configuration = (provenance.get("data") or {}).get("configuration") or {}
-    return tuple(sorted(set(_radii(configuration))))
+    earlier = (provenance.get("start") or {}).get("provenance")
+    return [*_radii(configuration), *(_learnt(earlier) if earlier is not None else ())]
 
 
 def _radii(configuration: Mapping[str, Any]) -> list[float]:

@@ -45,17 +45,19 @@ class TrainedModel:
     outliers: dict[str, OutlierModel]
     metrics: Metrics
     provenance: dict[str, Any] = field(default_factory=dict)
+    _stated: str = field(default="", init=False, repr=False, compare=False)
+    """The version of the folder that it was read from, as it is: of an earlier program's it would come out another."""
 
     @property
     def version(self) -> str:
         """Content hash of weights and meaning: equal versions give equal estimates."""
-        return model_version(save(self._tensors()), self._meta())
+        return self._stated or model_version(save(self._tensors()), self._meta())
 
     def save(self, folder: str | Path) -> str:
         """Write the folder in one piece, replacing an earlier model there.
 
         Returns:
-            The model's version.
+            The version of what is written; another one than the model's own where an earlier program wrote that.
 
         Raises:
             InputError: ``folder`` exists and is no model folder, or lies where nothing can be made.
@@ -93,7 +95,7 @@ class TrainedModel:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # As it is stored: smaller, and classes of torchvision need not be imported to read it.
-        return (_from_stored, (self._meta(), save(self._tensors())))
+        return (_from_stored, (self._meta(), save(self._tensors()), self._stated))
 
     def _tensors(self) -> dict[str, Tensor]:
         tensors = {_NETWORK + k: _stored(k, v, self.config) for k, v in self.network.state_dict().items()}
@@ -142,7 +144,7 @@ def load_model(folder: str | Path) -> TrainedModel:
             code="model_damaged",
         )
     try:
-        return _from_stored(meta, weights)
+        return _from_stored(meta, weights, str(stated))
     except (SafetensorError, KeyError, TypeError, RuntimeError) as error:
         raise InputError(f"{place}: cannot be read as a model ({error})", code="model_damaged") from None
 
@@ -203,7 +205,7 @@ def _stored(name: str, tensor: Tensor, config: TrainConfig) -> Tensor:
     return (tensor.half() if half else tensor).contiguous()
 
 
-def _from_stored(meta: dict[str, Any], weights: bytes) -> TrainedModel:
+def _from_stored(meta: dict[str, Any], weights: bytes, stated: str) -> TrainedModel:
     tensors = load(weights)
     config = TrainConfig.from_json(meta["config"])
     network = DrapeNetwork(config.network)
@@ -211,7 +213,7 @@ def _from_stored(meta: dict[str, Any], weights: bytes) -> TrainedModel:
     network.load_state_dict({k: v.float() if v.is_floating_point() else v for k, v in state.items()})
     network.eval()
     outliers = {s: OutlierModel.from_tensors(_OUTLIERS + s, tensors) for s in meta["outlier_scenes"]}
-    return TrainedModel(
+    model = TrainedModel(
         config,
         network,
         TargetScaling.from_json(meta["scaling"]),
@@ -220,3 +222,5 @@ def _from_stored(meta: dict[str, Any], weights: bytes) -> TrainedModel:
         Metrics.from_json(meta["metrics"]),
         meta["provenance"],
     )
+    object.__setattr__(model, "_stated", stated)  # a part of no other model that is made of this one
+    return model

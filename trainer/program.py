@@ -6,21 +6,31 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from renderer.atomic import NO_ROOM
 from simcore.errors import DrapemeterError, InputError
 
 
 def make_results_folder(folder: Path) -> None:
-    """Make the folder for results, before the work that fills it.
+    """Make the folder for results and try to write there, before the work that fills it.
 
     Raises:
-        InputError: it cannot be made.
+        InputError: it cannot be made or written to.
+        OSError: the disk is full.
     """
+    done = "made"
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        done = "written to"
+        with TemporaryFile(dir=folder):
+            pass
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); name another", code="folder_unusable") from None
+        if error.errno in NO_ROOM:
+            raise
+        raise InputError(
+            f"{folder}: cannot be {done} ({error.strerror}); name another", code="folder_unusable"
+        ) from None
 
 
 @contextmanager

@@ -16,8 +16,10 @@ from capture.normalise import fill_holes
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import panel_depth
 from renderer.pose import inclination_pose
-from renderer.store import Store
+from renderer.store import RowStatus, Store
+from renderer.store_format import SCENE_NAMES
 from simcore.errors import InputError, StoreError
+from simcore.scenes import Scene
 from trainer.config import Inclinations
 from trainer.dataset import SCENES, PictureTable
 from trainer.preprocess import FLOOR_M
@@ -56,22 +58,28 @@ class StoreSource:
         return {key: attributes.get(key) for key in ("schema", "configuration", "seed", "software_version")}
 
     def table(self) -> PictureTable:
-        """Every picture of a simulation that came to rest, of finished shards."""
+        """Every picture of a simulation that came to rest, of finished shards.
+
+        Raises:
+            InputError: there is none.
+            StoreError: a column is not that of its rows: one of its objects is lost, or damaged.
+        """
         store = self.store
         shard = np.arange(len(store)) // store.layout.rows_per_shard
         usable = np.flatnonzero(store.ok)
+        _check_columns(store, usable)
         if not len(usable):
             raise InputError(
                 f"{self.url}: not one usable picture in {len(store)} rows; see `drapemeter dataset inspect`",
                 code="store_empty",
             )
-        names = {scene.value: index for index, scene in enumerate(SCENES)}
+        order = np.array([SCENES.index(Scene(SCENE_NAMES[code])) for code in range(len(SCENE_NAMES))])
         parameters = store.parameters[usable].astype(np.float64)
         return PictureTable(
             row=usable,
             shard=shard[usable],
             material=_one_number_a_fabric(store.materials[usable].astype(np.int64), parameters),
-            scene=np.array([names[str(name)] for name in store.scene[usable]], dtype=np.int64),
+            scene=order[store.scene_codes[usable]],
             parameters=parameters,
             inclination_deg=store.inclination_deg[usable].astype(np.float64),
             jitter=store.jitter[usable].astype(np.int64),
@@ -100,6 +108,33 @@ class StoreSource:
             seen, known = heights[picture].astype(np.float32), counts[picture] > 0
             heights[picture] = np.rint(fill_holes(seen, known, 1.0 / _COUNTS_PER_M)[0])
         return torch.from_numpy(heights)
+
+
+def _check_columns(store: Store, usable: NDArray[np.int64]) -> None:
+    """Refuse a store that has lost small objects, which Zarr reads as zeros.
+
+    Raises:
+        StoreError: a row of a finished shard has no status, or a usable one another place or fabric than it can have.
+    """
+    parameters = store.parameters[usable]
+    wrong = {
+        "status": np.flatnonzero(store.finished & (store.status == RowStatus.MISSING)),
+        "parameters": usable[~(np.isfinite(parameters) & (parameters > 0)).all(axis=1)],
+    }
+    stored: dict[str, NDArray[Any]] = {
+        "material": store.materials,
+        "scene": store.scene_codes,
+        "jitter": store.jitter,
+        "inclination_deg": store.inclination_deg,
+    }
+    wrong |= {name: usable[stored[name][usable] != want] for name, want in store.layout.columns(usable).items()}
+    for name, rows in wrong.items():
+        if len(rows):
+            raise StoreError(
+                f"{store.url}: shard {int(rows[0]) // store.layout.rows_per_shard}: column {name} is not that of its "
+                "rows: see `drapemeter dataset validate`, and make the shard again",
+                code="store_damaged",
+            )
 
 
 def _one_number_a_fabric(material: NDArray[np.int64], parameters: NDArray[np.float64]) -> NDArray[np.int64]:

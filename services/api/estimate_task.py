@@ -12,6 +12,7 @@ from services.estimates import estimate_fields
 from services.jobs.scratch import scratch_prefix
 from services.jobs.task import Report
 from simcore.errors import InputError, MissingResourceError
+from trainer.shipped import META_FILE, WEIGHTS_FILE
 
 if TYPE_CHECKING:
     from trainer.predict import Estimator
@@ -54,8 +55,18 @@ def estimate_pictures(
     return {**estimate_fields(found), "model_version": found.model_version}
 
 
-@lru_cache(maxsize=1)
 def _load(model: Path) -> Estimator:
+    """The estimator of a folder, read again when its files have changed."""
+    try:
+        files = [(model / name).stat() for name in (META_FILE, WEIGHTS_FILE)]
+    except OSError:
+        files = []  # reading it says what is wrong
+    return _read(model, tuple((file.st_mtime_ns, file.st_size) for file in files))
+
+
+@lru_cache(maxsize=1)
+def _read(model: Path, state: tuple[tuple[int, int], ...]) -> Estimator:
+    """The estimator of a folder in one state of its files: when they were written [ns] and their sizes [byte]."""
     import torch
 
     from trainer.predict import Estimator

@@ -46,7 +46,9 @@ def dataset(
     time_limit: float = typer.Option(120.0, "--time-limit", help="CPU seconds a simulation may take."),
     shard_simulations: int = typer.Option(0, "--shard-simulations", help="Simulations of a shard; 0: by size."),
     address: str | None = typer.Option(
-        None, "--address", help="Running Ray cluster (auto, host:port, ray://host:port); else a local one."
+        None,
+        "--address",
+        help="Running Ray cluster (auto, host:port, ray://host:port); default: RAY_ADDRESS, else a local one.",
     ),
     workers: int | None = typer.Option(None, "--workers", min=1, help="Worker processes; default: all CPUs."),
     recycle: int = typer.Option(2000, "--recycle", min=1, help="Simulations after which a worker is replaced."),

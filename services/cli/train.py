@@ -40,7 +40,9 @@ def train(
     threads: int = typer.Option(1, "--threads", help="CPU threads of the network."),
     workers: int = typer.Option(0, "--workers", help="Processes that read the store; 0 = this one."),
     ranks: int = typer.Option(0, "--ranks", help="Train as a job on Ray, on so many workers; 0 = in this process."),
-    address: str | None = typer.Option(None, "--address", help="Ray cluster for --ranks; default: a local one."),
+    address: str | None = typer.Option(
+        None, "--address", help="Ray cluster for --ranks; default: RAY_ADDRESS, else a local one."
+    ),
     tensorboard: Path | None = typer.Option(
         None, "--tensorboard", help="Folder for TensorBoard events; default: none."
     ),

@@ -66,7 +66,7 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
             raise
         why = (str(error).splitlines() or [type(error).__name__])[0]
         raise MissingResourceError(
-            f"the Ray cluster at {address} went away ({why}): start it again, then the command",
+            f"the Ray cluster at {_named(address)} went away ({why}): start it again, then the command",
             code=CLUSTER_LOST,
         ) from None
     finally:
@@ -95,7 +95,7 @@ def _connect(address: str) -> None:
             ray.init(address=address, **_QUIET)
         except ray.exceptions.AuthenticationError:
             raise InputError(
-                f"the Ray cluster at {address} wants its token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN",
+                f"the Ray cluster at {_named(address)} wants its token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN",
                 code="cluster_token",
             ) from None
         except (ConnectionError, ValueError, RuntimeError) as error:
@@ -118,9 +118,23 @@ def _knock(address: str) -> None:
 
 
 def _no_cluster(address: str, why: str) -> InputError:
+    if _is_from_environment(address):
+        return InputError(
+            f"no Ray cluster answers at {_named(address)} ({why}); start one, or unset RAY_ADDRESS",
+            code="cluster_missing",
+        )
     return InputError(
         f"no Ray cluster answers at {address} ({why}); start one, or leave --address out", code="cluster_missing"
     )
+
+
+def _named(address: str) -> str:
+    """An address with where it comes from, where no option named it."""
+    return f"{address} (RAY_ADDRESS)" if _is_from_environment(address) else address
+
+
+def _is_from_environment(address: str) -> bool:
+    return address == os.environ.get("RAY_ADDRESS")
 
 
 def cluster_cpus() -> float:

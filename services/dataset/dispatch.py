@@ -14,10 +14,13 @@ from services.dataset.fabrics import FabricTable
 from services.dataset.shard import ShardTask
 from services.dataset.solver_kind import SolverKind
 from services.dataset.worker import ShardSolved, ShardWorker, SimulationDone
-from simcore.errors import StoreError
+from simcore.errors import OutOfMemoryError, StoreError
 
 MAX_DEATHS = 3
 """Workers that one simulation may take with it before its rows say so."""
+
+MAX_SHORT = 3
+"""Times that a shard may find too little memory."""
 
 MAX_STILLBORN = 10
 """Workers that may die before they start."""
@@ -73,7 +76,8 @@ class Dispatcher:
         options: how to spread it.
         listen: called with each worker's word.
         worker_class: what runs in a worker's process; another one in tests.
-        lost: called when a worker died or hung and its shard is done again, with which of the two it was.
+        lost: called when a worker died, hung or found too little memory, and its shard is done again: with
+            ``TIMED_OUT`` where it hung, else ``CRASHED``.
     """
 
     def __init__(
@@ -98,6 +102,7 @@ class Dispatcher:
         self._retry: deque[int] = deque()
         self._deaths: Counter[int] = Counter()
         self._shard_deaths: Counter[int] = Counter()
+        self._short: Counter[int] = Counter()
         self._given_up: dict[int, tuple[RowStatus, str]] = {}
         self._running: dict[Any, _Slot] = {}
         self._starting: dict[Any, _Slot] = {}
@@ -111,7 +116,8 @@ class Dispatcher:
 
         Raises:
             InputError, StoreError: the place of the store fails; what is stored stays, a resumed sweep does the rest.
-            StoreError: a shard took worker after worker without getting on, or no worker comes up.
+            StoreError: a shard took worker after worker without getting on or found too little memory again and again,
+                or no worker comes up.
         """
         import ray
 
@@ -206,7 +212,10 @@ class Dispatcher:
         except ray.exceptions.RayTaskError as error:
             del self._running[stream]
             ray.kill(slot.actor)
-            raise error.cause from None  # the worker lives and says what is wrong: another try would say the same
+            if not isinstance(error.cause, OutOfMemoryError):
+                raise error.cause from None  # the worker lives and says what is wrong: another try would say the same
+            self._lacked_memory(slot.shard, error.cause)
+            return
         except ray.exceptions.RayError as error:
             del self._running[stream]
             self._lost(slot, RowStatus.CRASHED, f"the worker died ({type(error).__name__})")
@@ -218,6 +227,14 @@ class Dispatcher:
         slot.done += 1
         slot.solves = word.solves
         self._listen(word)
+
+    def _lacked_memory(self, shard: int, error: OutOfMemoryError) -> None:
+        """A shard found too little memory: it is done again, by another worker, since others may leave more by then."""
+        self._tell_lost(RowStatus.CRASHED)
+        self._short[shard] += 1
+        if self._short[shard] >= MAX_SHORT:
+            raise StoreError(f"shard {shard} was tried {MAX_SHORT} times: {error}", code="out_of_memory")
+        self._retry.append(shard)
 
     def _end_hung(self) -> None:
         """Kill workers whose simulation has been silent far beyond its time limit."""

@@ -8,11 +8,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from renderer.atomic import NO_ROOM
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth_png import dequantise_depth, write_depth_png
 from renderer.store import RowStatus, ShardRows, Store
 from renderer.store_format import DEPTH_UNIT_M, SCENE_NAMES
-from simcore.errors import InputError
+from simcore.errors import DrapemeterError, InputError
 from simcore.mesh import GridMesh
 from simcore.parameters import PARAMETER_NAMES
 
@@ -44,6 +45,7 @@ def export_store(
 
     Raises:
         InputError: the folder exists or cannot be written.
+        DrapemeterError: the disk is full.
     """
     if folder.exists():
         raise InputError(f"{folder}: is there already; choose another folder", code="export_exists")
@@ -61,6 +63,10 @@ def export_store(
                 count = _write_samples(store, part, writer, draw, len(store) if limit is None else limit, listen)
             part.rename(folder)
     except OSError as error:
+        if error.errno in NO_ROOM:
+            raise DrapemeterError(
+                f"cannot write {folder}: {error.strerror}; make room, or name another place", code="cannot_write"
+            ) from error
         raise InputError(f"{folder}: cannot be written ({error.strerror})", code="export_not_writable") from error
     return count
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from renderer.atomic import write_atomically
 from renderer.picture import write_png
-from renderer.store import RowStatus, Store
+from renderer.store import Store
 from simcore.errors import InputError
 from simcore.parameters import PARAMETER_NAMES
 
@@ -34,9 +34,8 @@ def write_figures(store: Store, folder: Path) -> list[Path]:
         raise InputError(f"{folder}: cannot be made ({error.strerror})", code="folder_not_writable") from None
     paths = [folder / "contact-sheet.png", folder / "spearman.png"]
     write_contact_sheet(store, paths[0])
-    finished = store.status != RowStatus.MISSING
-    _, first = np.unique(store.materials[finished], return_index=True)
-    write_spearman(store.parameters[finished][first], paths[1])
+    _, first = np.unique(store.materials[store.finished], return_index=True)
+    write_spearman(store.parameters[store.finished][first], paths[1])
     return paths
 
 

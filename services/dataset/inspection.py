@@ -52,8 +52,8 @@ class StoreReport:
 def inspect_store(store: Store) -> StoreReport:
     """Count and measure a store, finished or not."""
     layout = store.layout
-    finished = store.status != RowStatus.MISSING
-    failed = finished & ~store.ok
+    finished = store.finished
+    failed = finished & (store.status != RowStatus.OK)
     codes, counts = np.unique(store.status[failed], return_counts=True)
     parameters = store.parameters[finished]
     sizes = store.object_sizes()

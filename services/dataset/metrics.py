@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from renderer.store import RowStatus
+from services.dataset.tally import Tally
 from services.dataset.worker import SimulationDone
 
 
@@ -30,6 +31,7 @@ class SweepMetrics:
             boundaries=[0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0],
         )
         self._last: dict[int, float] = {}
+        self._tally = Tally()
 
     def count(self, word: SimulationDone) -> None:
         """Take one word of a worker."""
@@ -37,7 +39,8 @@ class SweepMetrics:
         if word.process_id in self._last:
             self._seconds.observe(now - self._last[word.process_id])
         self._last[word.process_id] = now
-        self._simulations.inc(tags={"status": word.status.label})
+        if self._tally.is_new(word.simulation):
+            self._simulations.inc(tags={"status": word.status.label})
         self._memory.set(word.rss_bytes, tags={"worker": str(word.process_id)})
         if word.stored:
             self._shards.inc()

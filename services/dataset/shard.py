@@ -1,4 +1,4 @@
-"""The work of one shard: simulate, render, and gather the rows; every failure is a row."""
+"""The work of one shard: simulate, render, and gather the rows; every failure but a lack of memory is a row."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from services.random_streams import SENSOR_STREAM
 from simcore.batch.request import Request
 from simcore.checks import check_request
 from simcore.drape import Drape, DrapeStatus
-from simcore.errors import DrapemeterError
+from simcore.errors import DrapemeterError, OutOfMemoryError
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 
 if TYPE_CHECKING:
@@ -104,7 +104,11 @@ def shard_requests(task: ShardTask, configuration: SweepConfiguration) -> dict[i
 def simulate_shard(
     task: ShardTask, configuration: SweepConfiguration, solver: DrapeSolver
 ) -> Iterator[tuple[RowStatus, ShardRows]]:
-    """Rows of each simulation of a shard in turn, with its status."""
+    """Rows of each simulation of a shard in turn, with its status.
+
+    Raises:
+        OutOfMemoryError, MemoryError: memory is short.
+    """
     layout = configuration.layout
     for number, fabric in zip(layout.shard_simulations(task.shard), task.parameters, strict=True):
         material, scene, jitter = layout.address(number)
@@ -121,7 +125,11 @@ def simulate_shard(
 def simulate_and_render(
     fabric: NDArray[np.float32], scene: str, seed: int, configuration: SweepConfiguration, solver: DrapeSolver
 ) -> Outcome:
-    """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised."""
+    """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised.
+
+    Raises:
+        OutOfMemoryError, MemoryError: memory is short, which says nothing of the simulation.
+    """
     nothing = _no_depth(configuration)
     try:
         cloth = as_fabric(fabric)
@@ -133,6 +141,8 @@ def simulate_and_render(
             mechanics=built.mechanics,
             time_limit_s=configuration.time_limit_s,
         )
+    except OutOfMemoryError:
+        raise
     except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
         refused = isinstance(error, DrapemeterError)
         status = RowStatus.REFUSED if refused else RowStatus.CRASHED

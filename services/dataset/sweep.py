@@ -18,6 +18,7 @@ from services.dataset.dispatch import DispatchOptions
 from services.dataset.drive import Drive
 from services.dataset.fabrics import FabricTable
 from services.dataset.solver_kind import SolverKind
+from services.dataset.tally import Tally
 from services.dataset.worker import SimulationDone
 from services.version import data_version
 from simcore.errors import InputError
@@ -112,7 +113,7 @@ def run_sweep(
         resume: finish a store that is there.
         address, workers: see :func:`~services.dataset.cluster.ray_cluster`.
         recycle_after: simulations after which a worker's process is replaced.
-        listen: called after each simulation.
+        listen: called after each simulation, once even where its shard is done again.
         begin: called once before the work, with what it will cost; not when nothing is left to do.
 
     Raises:
@@ -120,6 +121,12 @@ def run_sweep(
         StoreError: the store's place failed; ``resume`` does the rest.
     """
     started = time.monotonic()
+    tally = Tally()
+
+    def hear(word: SimulationDone) -> None:
+        if tally.is_new(word.simulation):
+            listen(word)
+
     place = str(url) if is_remote(url) else str(local_path(url).absolute())
     if shards_left(place, configuration, resume=resume) != []:
         on_gpu = configuration.solver is SolverKind.CUDA
@@ -136,14 +143,15 @@ def run_sweep(
             )
             drive = Drive(place, configuration, fabrics, options, shards)
             if is_ray_client():
-                drive.run_on_cluster(listen)
+                drive.run_on_cluster(hear)
             else:
-                drive.run(listen)
+                drive.run(hear)
     store = Store.open(place)
     return SweepSummary(len(store), count_failures(store), time.monotonic() - started)
 
 
 def count_failures(store: Store) -> dict[str, int]:
-    """Failed or missing rows by status."""
-    codes, counts = np.unique(store.status[~store.ok], return_counts=True)
+    """Failed or missing rows by status; all rows of a shard that is not finished are missing."""
+    status = np.where(store.finished, store.status, RowStatus.MISSING)
+    codes, counts = np.unique(status[status != RowStatus.OK], return_counts=True)
     return {RowStatus(int(code)).label: int(count) for code, count in zip(codes, counts, strict=True)}

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from renderer.store import RowStatus, ShardRows, Store
-from renderer.store_format import SCENE_CODES, array_specs, combine_digests
+from renderer.store_format import array_specs, combine_digests
 from renderer.store_location import lost_attributes
 from services.dataset.configuration import simulation_seed
 from simcore.errors import StoreError
@@ -76,11 +76,8 @@ def _schema_faults(store: Store) -> list[str]:
     for spec in array_specs(store.layout):
         try:
             array = store.array(spec.name)
-        except KeyError:
-            faults.append(f"array {spec.name} is missing")
-            continue
         except StoreError as error:
-            faults.append(f"array {spec.name}: {error}")
+            faults.append(str(error))
             continue
         length = {"sample": len(store), "simulation": store.layout.simulations, "shard": store.shards}[spec.per]
         if array.shape != (length, *spec.item):
@@ -117,21 +114,10 @@ def checksum_faults(store: Store, shard: int) -> list[str]:
 
 def _row_faults(store: Store, shard: int, rows: ShardRows) -> list[str]:
     """Whether the rows are the ones that belong there, each once and in order."""
-    layout = store.layout
-    address = np.array([layout.address(number) for number in layout.shard_simulations(shard)])
-    address = np.repeat(address, layout.pictures, axis=0)
-    codes = np.array([SCENE_CODES[name] for name in layout.scenes])
-    expected = {
-        "material": address[:, 0],
-        "scene": codes[address[:, 1]],
-        "jitter": address[:, 2],
-        "inclination_deg": np.tile(
-            np.asarray(layout.inclinations_deg, np.float32), len(layout.shard_simulations(shard))
-        ),
-    }
+    expected = store.layout.columns(store.rows(shard))
     if "merged" not in store.stated["configuration"]:
         seed = int(store.stated["seed"])
-        triples = zip(address[:, 0], codes[address[:, 1]], address[:, 2], strict=True)
+        triples = zip(expected["material"], expected["scene"], expected["jitter"], strict=True)
         expected["seed"] = np.array([simulation_seed(seed, triple) for triple in triples], dtype=np.uint64)
     faults = [
         f"column {name} is not that of its rows"

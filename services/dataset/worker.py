@@ -13,6 +13,7 @@ from services.dataset.configuration import SweepConfiguration
 from services.dataset.shard import ShardTask, shard_requests, simulate_shard
 from services.dataset.solver_kind import SolverKind
 from services.dataset.solving import ShardSolver
+from simcore.errors import OutOfMemoryError
 
 if TYPE_CHECKING:
     from simcore.solver import Solver
@@ -71,7 +72,17 @@ class ShardWorker:
         Raises:
             InputError: no permission.
             StoreError: the place of the store fails or has no space left.
+            OutOfMemoryError: memory is short; the shard is not stored.
         """
+        try:
+            yield from self._run(task)
+        except MemoryError as error:
+            raise OutOfMemoryError(
+                f"out of memory ({str(error) or type(error).__name__}): use coarser cells, or run fewer processes side "
+                "by side"
+            ) from error
+
+    def _run(self, task: ShardTask) -> Iterator[SimulationDone | ShardSolved]:
         solver, writer = self._ready()
         numbers = self._configuration.layout.shard_simulations(task.shard)
         parts: list[ShardRows] = []

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from trainer.train import Progress
 
 POLL_S = 0.5
+DEATH_S = 10.0
+"""So long it is waited for what the other ranks say: where one dies, the others fail of it, and may be heard first."""
 
 
 class TrainingRank:
@@ -97,12 +99,13 @@ def train_on_ray(
         store: URL that every node reaches.
         config: the run.
         ranks: processes that train together.
-        address: of a running cluster; None starts one here.
+        address: of a running cluster; None takes ``RAY_ADDRESS``, else starts one here.
         start: an earlier model to go on from.
         report: called with rank 0's progress now and then.
 
     Raises:
         InputError: the store or the cluster cannot be used.
+        DrapemeterError: a rank's process died.
     """
     if ranks < 1:
         raise InputError(f"{ranks} ranks: give at least 1", code="ranks")
@@ -131,12 +134,13 @@ def _train(
     report: Callable[[Progress], None] | None,
 ) -> TrainedModel:
     import ray
-    from ray.exceptions import RayTaskError
+    from ray.exceptions import RayActorError, RayTaskError
 
     actor_class: Any = ray.remote(TrainingRank).options(num_cpus=config.threads, max_concurrency=2)
     actors = [actor_class.remote(store, config, start, rank, ranks) for rank in range(ranks)]
+    runs = [actors[0].meeting_place.remote()]
     try:
-        place = ray.get(actors[0].meeting_place.remote())
+        place = ray.get(runs[0])
         runs = [actor.run.remote(place) for actor in actors]
         waiting = list(runs)
         while waiting:
@@ -146,11 +150,35 @@ def _train(
             if report is not None and progress is not None:
                 report(progress)
         model: TrainedModel = ray.get(runs[0])
-    except RayTaskError as error:
-        if isinstance(error.cause, DrapemeterError):
+    except (RayTaskError, RayActorError) as error:
+        if isinstance(error, RayTaskError) and isinstance(error.cause, DrapemeterError):
             raise error.cause from None
-        raise
+        reason = _reason(runs)
+        if reason is None:
+            raise
+        raise reason from None
     finally:
         for actor in actors:
             ray.kill(actor)
     return model
+
+
+def _reason(runs: list[Any]) -> DrapemeterError | None:
+    """What ended the ranks, of those that have ended: one whose process is gone, or one that says what is wrong."""
+    import ray
+    from ray.exceptions import RayActorError, RayTaskError
+
+    ended, _ = ray.wait(runs, num_returns=len(runs), timeout=DEATH_S)
+    for run in ended:
+        try:
+            ray.get(run)
+        except RayActorError:
+            return DrapemeterError(
+                f"rank {runs.index(run)} of the training died, and nothing was kept: its machine may be out of memory "
+                "or gone; try fewer --ranks or a smaller --input-size",
+                code="worker_died",
+            )
+        except RayTaskError as error:
+            if isinstance(error.cause, DrapemeterError):
+                return error.cause
+    return None

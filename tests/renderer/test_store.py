@@ -154,6 +154,16 @@ def test_rows_of_a_shard_that_is_being_written_may_not_be_used(tmp_path: Path) -
     assert (store.status[:6] == RowStatus.OK).any() and not store.ok[:8].any() and store.ok[8:].any()
 
 
+@pytest.mark.parametrize("name", ["depth/c/0/0/0", "drapes/vertices/c/0/0/0"])
+def test_a_shard_with_a_damaged_object_is_written_again(name: str, tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    sound = files(tmp_path / "s.zarr")
+    (tmp_path / "s.zarr" / name).write_bytes(sound[name][:-20])
+    (tmp_path / "s.zarr" / "checksum" / "c" / "0" / "0").unlink()
+    StoreWriter.open(tmp_path / "s.zarr").write_shard(0, rows_of(LAYOUT, 0))
+    assert files(tmp_path / "s.zarr") == sound
+
+
 def test_a_store_travels_to_a_worker_by_its_url(tmp_path: Path) -> None:
     make(tmp_path / "s.zarr")
     there = pickle.loads(pickle.dumps(Store.open(tmp_path / "s.zarr")))

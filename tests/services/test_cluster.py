@@ -54,3 +54,15 @@ def test_a_cluster_that_wants_its_token_is_told(head: list[str], monkeypatch: py
     ):
         raise AssertionError("the work began")
     assert caught.value.code == "cluster_token"
+
+
+def test_an_address_from_the_environment_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing listens at port 9."""
+    for variable, option, told in (
+        ("127.0.0.1:9", None, r"at 127\.0\.0\.1:9 \(RAY_ADDRESS\) \(.*\); start one, or unset RAY_ADDRESS$"),
+        ("head:6379", "127.0.0.1:9", r"at 127\.0\.0\.1:9 \(.*\); start one, or leave --address out$"),
+    ):
+        monkeypatch.setenv("RAY_ADDRESS", variable)
+        with pytest.raises(InputError, match=told) as caught, cluster.ray_cluster(option, None):
+            raise AssertionError("the work began")
+        assert caught.value.code == "cluster_missing"

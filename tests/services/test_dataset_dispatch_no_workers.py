@@ -1,4 +1,4 @@
-"""The driver's loop on a cluster that has no CPU free, or on which every worker dies. Ray itself is not started."""
+"""The driver's loop on a cluster that has no CPU free, or on which workers die or lack memory. Ray is not started."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
+from renderer.store import RowStatus
 from services.dataset import dispatch
-from services.dataset.dispatch import MAX_STILLBORN, Dispatcher, DispatchOptions
-from simcore.errors import StoreError
+from services.dataset.dispatch import MAX_SHORT, MAX_STILLBORN, Dispatcher, DispatchOptions
+from simcore.errors import OutOfMemoryError, StoreError
 from tests.services.dataset_helpers import small_sweep
 from tests.services.dataset_stub_workers import ObedientWorker
 
@@ -87,3 +88,35 @@ def test_a_sweep_without_workers_ends_with_one_line(
     assert caught.value.code == code
     assert (ray.made, ray.killed) == (made, killed)  # none is left behind
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("short", [MAX_SHORT - 1, MAX_SHORT])
+def test_a_shard_that_lacks_memory_is_done_again_and_not_for_ever(
+    short: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    ray = StandInRay(free=True, born=True)
+    lost: list[RowStatus] = []
+
+    def get(event: Any) -> None:
+        if event != "word":
+            return
+        if len(lost) == short:
+            raise StopIteration  # the shard is done
+        error = ray.exceptions.RayTaskError()
+        error.cause = OutOfMemoryError("out of memory: 2601 equations: run fewer processes")
+        raise error
+
+    ray.get = get
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    monkeypatch.setattr(dispatch, "POLL_S", 0.0)
+    configuration, fabrics = small_sweep()
+    options = DispatchOptions(workers=1)
+    driver = Dispatcher(str(tmp_path), configuration, fabrics, options, worker_class=ObedientWorker, lost=lost.append)
+    if short < MAX_SHORT:
+        driver.run([2])
+    else:
+        with pytest.raises(StoreError, match=r"shard 2 was tried 3 times: out of memory: .* fewer processes") as caught:
+            driver.run([2])
+        assert caught.value.code == "out_of_memory"
+    assert lost == [RowStatus.CRASHED] * short
+    assert ray.made == ray.killed == min(short + 1, MAX_SHORT)

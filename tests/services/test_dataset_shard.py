@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.extension import AppliedEffect
-from renderer.store import RowStatus, Store
+from renderer.store import RowStatus, Store, StoreWriter
 from services.dataset.inspection import inspect_store
 from services.dataset.shard import (
     ShardTask,
@@ -21,7 +21,7 @@ from services.dataset.shard import (
 from services.dataset.sweep import prepare_store
 from services.dataset.worker import ShardWorker
 from simcore.drape import Drape, DrapeStatus
-from simcore.errors import InputError, SimulationError
+from simcore.errors import InputError, OutOfMemoryError, SimulationError
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.scenes import Setup
 from simcore.solver import Solver
@@ -71,6 +71,17 @@ def test_every_ending_has_its_status_and_reason(result: Drape | Exception, statu
     assert outcome.status is status
     assert reason in outcome.reason and bool(outcome.reason) == (status is not RowStatus.OK)
     assert outcome.depth.any() == (status is RowStatus.OK)
+
+
+@pytest.mark.parametrize("lack", [OutOfMemoryError("out of memory: 2601 equations"), MemoryError("2 GiB")])
+def test_a_lack_of_memory_leaves_the_shard_undone(lack: Exception, tmp_path: Path) -> None:
+    """It passes, and says nothing of the simulation."""
+    prepare_store(str(tmp_path / "s.zarr"), CONFIGURATION, resume=False)
+    worker = ShardWorker(str(tmp_path / "s.zarr"), CONFIGURATION)
+    worker._writer, worker._solver = StoreWriter.open(tmp_path / "s.zarr"), StubSolver(lack)
+    with pytest.raises(OutOfMemoryError, match=r"out of memory.*(2601|2 GiB)"):
+        list(worker.run(ShardTask(0, FABRICS.parameters([0, 0, 1]), {})))
+    assert not Store.open(tmp_path / "s.zarr").complete.any()
 
 
 def test_values_at_the_limits_are_within_them_in_single_precision() -> None:

@@ -43,6 +43,22 @@ def test_a_sound_store_is_valid_and_counted(store: Path) -> None:
     assert count_failures(Store.open(store)) == {"timed_out": 2}
 
 
+def test_rows_of_a_shard_that_is_being_written_are_missing(store: Path, tmp_path: Path) -> None:
+    unfinished, begun = store / "checksum" / "c", tmp_path / "begun.zarr"
+    for shard in (0, 6):
+        (unfinished / str(shard) / "0").unlink()
+    prepare_store(str(begun), CONFIGURATION, resume=False)
+    for shard in range(1, 6):
+        StoreWriter.open(begun).write_shard(shard, rows_of(shard, CONFIGURATION, FABRICS))
+    assert inspect_store(Store.open(store)) == inspect_store(Store.open(begun))
+    assert inspect_store(Store.open(store)).failed == {}
+    assert count_failures(Store.open(store)) == count_failures(Store.open(begun)) == {"missing": 10}
+    for place in (store, begun):
+        write_figures(Store.open(place), place / "figures")
+    drawn = [(place / "figures" / "spearman.png").read_bytes() for place in (store, begun)]
+    assert drawn[0] == drawn[1]
+
+
 def test_a_flipped_bit_is_noticed(store: Path) -> None:
     path = store / "depth" / "c" / "2" / "0" / "0"
     data = bytearray(path.read_bytes())
@@ -78,7 +94,11 @@ def test_failures_without_a_reason_and_empty_pictures_are_noticed(store: Path) -
 
 def test_a_missing_array_is_noticed(store: Path) -> None:
     (store / "jitter" / "zarr.json").unlink()
-    assert faults(store) == "array jitter is missing"
+    said = f"{store}: array jitter is missing: put it back from a copy, or make the store again"
+    assert faults(store) == said
+    with pytest.raises(StoreError) as caught:
+        _ = Store.open(store).jitter
+    assert (str(caught.value), caught.value.code) == (said, "store_damaged")
 
 
 def test_figures_show_fabrics_and_pictures(store: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from simcore import pardiso
-from simcore.errors import MissingResourceError, SimulationError
+from simcore.errors import MissingResourceError, OutOfMemoryError, SimulationError
 from simcore.grid import Grid
 from simcore.pardiso import Factorisation, _library
 
@@ -109,6 +109,7 @@ def test_what_fails_is_said(single: bool, phase: int, error: int, words: str, mo
         assert factorisation.factor(values) == 0
         factorisation.solve(np.ones(N))
     assert caught.value.code == "factorisation_failed"
+    assert isinstance(caught.value, OutOfMemoryError) == (error == -2)
 
 
 @pytest.mark.parametrize("single", [False, True])

@@ -35,6 +35,13 @@ def test_each_changes_the_cloth_a_little(kind: str) -> None:
     assert len({float(d) for d in difference.mean(dim=(1, 2, 3))}) > 1  # every picture its own
 
 
+def test_a_seed_of_any_size_is_one() -> None:
+    """As everywhere else in a training, which would fail behind its last step."""
+    pictures = _cloth()
+    changed = Augmenter(AugmentConfig())(pictures, seed=2**64 + 1)
+    assert changed.shape == pictures.shape and not torch.equal(changed, pictures)
+
+
 def test_off_changes_nothing() -> None:
     pictures = _cloth()
     assert torch.equal(Augmenter(AugmentConfig.off())(pictures, seed=1), pictures)

@@ -2,14 +2,14 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, zip_longest
 
 import numpy as np
 import pytest
 import torch
 
 from simcore.errors import InputError
-from trainer.dataset import PairStream, Partition, batches, decode_heights, encode_heights, pair_up
+from trainer.dataset import PairStream, Partition, PictureTable, batches, decode_heights, encode_heights, pair_up
 from trainer.split import split_materials
 
 from .analytic import AnalyticSource
@@ -85,6 +85,29 @@ def test_pairs_join_scenes_of_one_material_and_tolerate_gaps() -> None:
         if hanging >= 0 and stretch >= 0:
             assert table.material[hanging] == table.material[stretch]
             assert (table.scene[hanging], table.scene[stretch]) == (0, 1)
+
+
+def _pairs_by_looking_through_all(table: PictureTable, generator: np.random.Generator | None) -> list[tuple[int, ...]]:
+    """What `pair_up` says, material after material."""
+    pairs: list[tuple[int, ...]] = []
+    for material in np.unique(table.material):
+        columns = [np.flatnonzero((table.material == material) & (table.scene == scene)) for scene in (0, 1)]
+        drawn = [c if generator is None else generator.permutation(c) for c in columns]
+        pairs += zip_longest(*(column.tolist() for column in drawn), fillvalue=-1)
+    return pairs
+
+
+@pytest.mark.parametrize("drawn", [False, True])
+def test_pairs_are_those_of_each_material_by_itself(drawn: bool) -> None:
+    table = AnalyticSource(materials=7, jitters=5).table()
+    rng = np.random.default_rng(2)
+    table = table.take(rng.permutation(np.flatnonzero((table.material != 2) & (rng.random(len(table)) < 0.6))))
+    table = replace(table, material=table.material * 1000)
+    one, other = (np.random.default_rng(9) if drawn else None for _ in range(2))
+    assert pair_up(table, one).tolist() == [list(pair) for pair in _pairs_by_looking_through_all(table, other)]
+    assert pair_up(table.take(table.row < 0), one).shape == (0, 2)
+    if one is not None and other is not None:
+        assert one.integers(2**60) == other.integers(2**60)
 
 
 def test_cache_gives_the_same_pictures() -> None:

@@ -26,6 +26,14 @@ def test_a_store_says_how_magnets_held(configuration: dict[str, Any], held: tupl
     assert held_in_training({}) == (0.01,)
 
 
+def test_what_the_models_before_learnt_from_counts_too() -> None:
+    first = {"data": {"configuration": {"pin_radius_m": 0.03}}}
+    second = {"data": {"configuration": {}}, "start": {"model_version": "a", "provenance": first}}
+    third = {"data": {"configuration": {"pin_radius_m": 0.02}}, "start": {"model_version": "b", "provenance": second}}
+    assert held_in_training(second) == (0.01, 0.03)
+    assert held_in_training(third) == (0.01, 0.02, 0.03)
+
+
 def test_captures_are_held_as_what_was_learnt_from() -> None:
     picture = np.zeros((256, 256), np.float32)
     shown = NetworkInput(picture, picture > 0, Scene.STRETCH, 2.0, pin_radius_m=0.03)

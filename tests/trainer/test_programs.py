@@ -6,6 +6,7 @@ import errno
 import json
 import os
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,24 @@ def test_a_file_in_the_place_of_results_is_told_beforehand(tmp_path: Path, capsy
     assert ended.value.code == 2
     assert capsys.readouterr().err.strip().endswith("[folder_unusable]")
     assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_a_folder_that_nobody_may_write_to_is_told_beforehand() -> None:
+    with pytest.raises(InputError, match=r"^/proc/self: cannot be written to \(.*\); name another$") as caught:
+        program.make_results_folder(Path("/proc/self"))
+    assert caught.value.code == "folder_unusable"
+
+
+def test_an_ablation_of_fabrics_that_were_not_tested_on_both_scenes_has_dashes(
+    tiny_model: TrainedModel, tmp_path: Path
+) -> None:
+    """After all its training."""
+    scores = {name: score for name, score in tiny_model.metrics.scores.items() if name != "hanging+stretch"}
+    tested = replace(tiny_model.metrics, scores=scores)
+    ablation.write(tmp_path, {"baseline": tested, "more": tiny_model.metrics}, {"depth": tested})
+    text = (tmp_path / "ablation.md").read_text()
+    assert "| baseline | - | - | - | - | - | - |\n" in text and "nan" not in text
+    assert list(json.loads((tmp_path / "ablation.json").read_text())) == ["baseline", "more", "depth"]
 
 
 def test_an_ablation_that_stops_keeps_what_was_trained(

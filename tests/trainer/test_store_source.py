@@ -189,6 +189,31 @@ def test_a_damaged_picture_is_told_however_few_are_read(tmp_path: Path) -> None:
         assert caught.value.code == "store_damaged"
 
 
+@pytest.mark.parametrize(
+    ("lost", "shard"),
+    [
+        ("parameters/c/0/0", 0),
+        ("scene/c/0", 0),
+        ("material/c/1", 1),
+        ("inclination_deg/c/0", 0),
+        ("jitter/c/1", 1),
+        ("status/c/1", 1),
+    ],
+)
+def test_a_small_object_that_is_lost_is_not_learnt_from_as_zeros(lost: str, shard: int, tmp_path: Path) -> None:
+    layout = LAYOUT.model_copy(update={"materials": 2, "jitters": 2, "simulations_per_shard": 4})
+    rows = ShardRows.concatenate([_rows(0), _rows(1)])
+    writer = StoreWriter.create(tmp_path / "s.zarr", layout, configuration={}, seed=4, software_version="test")
+    for number in range(layout.shards):
+        writer.write_shard(number, replace(rows, **layout.columns(layout.shard_rows(number))))
+    assert len(StoreSource(tmp_path / "s.zarr").table()) == layout.samples
+    (tmp_path / "s.zarr" / lost).unlink()
+    name = lost.split("/")[0]
+    with pytest.raises(StoreError, match=f"shard {shard}: column {name} is not that of its rows: see") as caught:
+        StoreSource(tmp_path / "s.zarr").table()
+    assert caught.value.code == "store_damaged"
+
+
 def test_a_loaders_own_process_tells_of_damage_in_one_line(tmp_path: Path) -> None:
     writer = StoreWriter.create(tmp_path / "s.zarr", LAYOUT, configuration={}, seed=4, software_version="test")
     for shard in range(2):

@@ -6,6 +6,7 @@ import errno
 import json
 import math
 import os
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from simcore.parameters import ESTIMATED_NAMES
 from trainer.config import NetworkConfig, TrainConfig
 from trainer.evaluate import Metrics
 from trainer.inference import extract_pairs
-from trainer.model import TrainedModel, load_model
+from trainer.model import TrainedModel, load_model, model_version
 from trainer.presets import PRESETS, preset_config
 from trainer.train import Progress, mirror_hanging, split_of, train
 
@@ -70,6 +71,20 @@ def test_a_stored_model_is_the_same_to_the_bit(
     for scene, model in tiny_model.outliers.items():
         features, statistics = after.of_scene(0)
         assert (model.scores(features, statistics) == loaded.outliers[scene].scores(features, statistics)).all()
+
+
+def test_a_model_of_an_earlier_program_keeps_its_version(tiny_model: TrainedModel, tmp_path: Path) -> None:
+    """What was added to a model's description since then is filled in, and would make another hash."""
+    tiny_model.save(tmp_path / "model")
+    described = tmp_path / "model" / "model.json"
+    meta = json.loads(described.read_text())
+    del meta["model_version"], meta["config"]["mirror"]
+    earlier = model_version((tmp_path / "model" / "weights.safetensors").read_bytes(), meta)
+    described.write_text(json.dumps({**meta, "model_version": earlier}))
+    loaded = load_model(tmp_path / "model")
+    assert loaded.version == pickle.loads(pickle.dumps(loaded)).version == earlier != tiny_model.version
+    assert loaded.save(tmp_path / "again") == load_model(tmp_path / "again").version == tiny_model.version
+    assert replace(loaded, provenance={}).version not in {earlier, tiny_model.version}
 
 
 def test_metrics_survive_json(tiny_model: TrainedModel) -> None:
@@ -229,7 +244,6 @@ def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path)
 
 
 def test_a_model_travels_to_a_process_without_torchvision(tiny_model: TrainedModel) -> None:
-    import pickle
     import subprocess
     import sys
 

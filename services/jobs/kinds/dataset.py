@@ -13,7 +13,9 @@ from services.schemas import Strict
 
 if TYPE_CHECKING:
     from services.dataset.configuration import SweepConfiguration
+    from services.dataset.cost import CostEstimate
     from services.dataset.fabrics import FabricTable
+    from services.dataset.worker import SimulationDone
 
 
 class SimulatorEffect(Strict):
@@ -93,6 +95,27 @@ class DatasetInputs(Strict):
         )
 
 
+class _SweepProgress:
+    """Reports how much of a store is done, what an earlier attempt left of it included.
+
+    Args:
+        report: where to.
+        total: simulations of the store.
+    """
+
+    def __init__(self, report: Report, total: int) -> None:
+        self._report, self._total, self._done = report, total, 0
+
+    def begin(self, cost: CostEstimate) -> None:
+        """The sweep starts, or goes on."""
+        self._done = self._total - cost.simulations
+
+    def hear(self, word: SimulationDone) -> None:
+        """A simulation is done."""
+        self._done += 1
+        self._report(self._done / self._total, f"{self._done} of {self._total} simulations")
+
+
 def run(task: Task, report: Report) -> TaskOutput:
     """Sweep, or go on with what an earlier attempt of this job left.
 
@@ -100,19 +123,18 @@ def run(task: Task, report: Report) -> TaskOutput:
         DrapemeterError: the store's place fails.
     """
     from services.dataset.sweep import run_sweep
-    from services.jobs.kinds.common import counting
 
     configuration, fabrics = DatasetInputs.model_validate(task.inputs).plan()
     store = f"{task.resources.dataset_root.rstrip('/')}/{task.job_id}.zarr"
-    total = configuration.materials * len(configuration.scenes) * configuration.jitters
-    advance = counting(report, total, "simulations")
+    progress = _SweepProgress(report, configuration.layout.simulations)
     summary = run_sweep(
         store,
         configuration,
         fabrics,
         resume=True,
         address=task.resources.ray_address,
-        listen=lambda _word: advance(),
+        listen=progress.hear,
+        begin=progress.begin,
     )
     place = store if "://" in store else str(Path(store).absolute())  # whoever reads it stands in another folder
     return TaskOutput(

@@ -1,0 +1,81 @@
+"""What is said of a sweep on its way: every simulation counts once, however often it is done. Ray is not started."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from renderer.store import RowStatus
+from services.dataset import sweep
+from services.dataset.cost import CostEstimate
+from services.dataset.drive import Drive
+from services.dataset.metrics import SweepMetrics
+from services.dataset.worker import SimulationDone
+from services.jobs.kinds import dataset
+from services.jobs.task import Resources, Task
+from tests.services.dataset_helpers import small_sweep
+
+TOLD = (0, 1, 3, 0, 1, 2, 3)
+"""By workers, the first of which was lost behind its second simulation."""
+
+
+def word(simulation: int) -> SimulationDone:
+    """A worker's."""
+    return SimulationDone(simulation, RowStatus.OK, 1, 1, 1, False)
+
+
+def test_simulations_that_are_done_again_are_heard_of_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def cluster(*given: object, **named: object) -> Iterator[int]:
+        yield 1
+
+    def run(drive: Drive, listen: Callable[[SimulationDone], None]) -> None:
+        for simulation in TOLD:
+            listen(word(simulation))
+
+    monkeypatch.setattr(sweep, "ray_cluster", cluster)
+    monkeypatch.setattr(sweep, "is_ray_client", lambda: False)
+    monkeypatch.setattr(Drive, "run", run)
+    heard: list[int] = []
+    sweep.run_sweep(tmp_path / "s.zarr", *small_sweep(materials=2), listen=lambda word: heard.append(word.simulation))
+    assert heard == [0, 1, 3, 2]
+
+
+def test_metrics_count_them_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    counted: list[str] = []
+
+    def metric(name: str, *given: object, **named: object) -> SimpleNamespace:
+        return SimpleNamespace(
+            inc=lambda tags=None: counted.append(name), set=lambda *given, **named: None, observe=lambda value: None
+        )
+
+    for kind in ("Counter", "Gauge", "Histogram"):
+        monkeypatch.setattr(f"ray.util.metrics.{kind}", metric)
+    metrics = SweepMetrics()
+    for simulation in TOLD:
+        metrics.count(word(simulation))
+    assert counted == ["drapemeter_simulations_total"] * 4
+
+
+def test_a_job_that_goes_on_counts_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run_sweep(
+        *given: object,
+        begin: Callable[[CostEstimate], None],
+        listen: Callable[[SimulationDone], None],
+        **named: object,
+    ) -> sweep.SweepSummary:
+        begin(CostEstimate(3, 3, 0.1, 0.1, 0.1, 1))
+        for simulation in (1, 2, 3):
+            listen(word(simulation))
+        return sweep.SweepSummary(4, {}, 1.0)
+
+    monkeypatch.setattr(sweep, "run_sweep", run_sweep)
+    said: list[tuple[float, str]] = []
+    inputs = {"materials": 2, "jitters": 1, "inclinations": 1, "resolution_m": 0.05}
+    task = Task("7", "dataset", inputs, (), Resources(dataset_root=str(tmp_path)), tmp_path)
+    dataset.run(task, lambda fraction, message="": said.append((fraction, message)))
+    assert said == [(share / 4, f"{share} of 4 simulations") for share in (2, 3, 4)]
