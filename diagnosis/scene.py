@@ -18,7 +18,7 @@ Pose = tuple[tuple[float, float, float, float], ...]
 
 
 def pose_rows(matrix: NDArray[np.float64]) -> Pose:
-    """A rigid transform [4, 4] as nested tuples, so that scenes can be compared and hashed.
+    """A rigid transform [4, 4] as nested tuples, so that scenes can be compared.
 
     Raises:
         InputError: not a rigid transform.

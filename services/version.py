@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
 
-from simcore.version import SOLVER_VERSION
+from simcore.version import BATCH_VERSION, PRIOR_VERSION, SOLVER_VERSION
 
 
 def software_version() -> str:
@@ -15,6 +15,16 @@ def software_version() -> str:
         return "0+source"
 
 
-def data_version() -> str:
-    """What a store states: the distribution's version with the solver's, whose results may change between releases."""
-    return f"{software_version()}+solver{SOLVER_VERSION}"
+def data_version(*, batch: bool = False, drawn: bool = False) -> str:
+    """What a store states: the distribution's version with those of what may change between releases.
+
+    Args:
+        batch: its drapes are the batch solver's, which has a version of its own beside the solver's.
+        drawn: its fabrics are drawn from the prior.
+    """
+    versions = {"solver": SOLVER_VERSION}
+    if batch:
+        versions["batch"] = BATCH_VERSION
+    if drawn:
+        versions["prior"] = PRIOR_VERSION
+    return f"{software_version()}+{'.'.join(f'{name}{number}' for name, number in versions.items())}"

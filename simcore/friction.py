@@ -19,7 +19,7 @@ from simcore.newton import Newton, NewtonOptions, Rest
 Array = NDArray[np.float64]
 
 ROUNDS = 8
-"""Most times that the normal forces are taken anew; two or three are usual."""
+"""Most times that the normal forces are taken anew, and judged after each; two or three are usual."""
 SETTLED = 0.05
 """Sum of the normal forces' changes, as a share of their sum, below which they are settled."""
 
@@ -51,13 +51,15 @@ def settle(level: Level, rest: Rest, coefficient: float, options: NewtonOptions,
     Returns:
         Where it ended, all steps counted; not converged where the forces did not settle.
     """
-    for _ in range(ROUNDS):
+    for taken in range(ROUNDS + 1):
         bound = level.contact.friction_force
         if not rest.converged or bound is None:
             return rest
         now = coefficient * level.contact.normal_force(rest.x, level.fixed)
         if float(np.abs(now - bound).sum()) <= SETTLED * float(now.sum()):
             return rest
+        if taken == ROUNDS:
+            break
         level.touch(replace(level.contact, friction_force=now))
         more = Newton(level, options, deadline).minimise(rest.x.copy())
         rest = replace(more, iterations=rest.iterations + more.iterations)

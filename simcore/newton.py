@@ -92,7 +92,8 @@ class Newton:
                 return Rest(x, residual, False, iteration, True)
             if near:
                 blend, damping = 1.0, 0.0
-            if iteration == options.iterations or time.process_time() > self.deadline:
+            last = iteration == options.iterations  # what is near then is still judged
+            if (last and not near) or time.process_time() > self.deadline:
                 break
             rough = residual > ROUGH_FROM
             negative = self._factor(x, blend, damping, rough)
@@ -100,7 +101,7 @@ class Newton:
                 return Rest(x, residual, True, iteration, True)
             if near:
                 self.escapes += 1
-                if self.escapes > 8:
+                if last or self.escapes > 8:
                     break
                 x = self._escape(x, energy)
                 energy, gradient = level.energy(x), level.gradient(x)

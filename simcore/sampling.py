@@ -42,6 +42,11 @@ class DesignKind(StrEnum):
             choices = ", ".join(kind.value for kind in cls)
             raise InputError(f"unknown design {name!r}: choose one of {choices}", code="design_unknown") from None
 
+    @property
+    def draws(self) -> bool:
+        """Whether the fabrics are drawn from the prior; those of a grid or list are known one by one."""
+        return self in (DesignKind.SOBOL, DesignKind.RANDOM)
+
 
 class UnitDesign(Protocol):
     """Points in the unit cube.

@@ -52,7 +52,10 @@ def softened(fabric: FabricParameters, grid: Grid, pins: Pins) -> FabricParamete
 
 
 def cascade(mesh: GridMesh) -> list[Grid]:
-    """Grids from about 20 mm cells down to the mesh's own, each about half the cell of the one before."""
+    """Grids down to the mesh's own, each with about half the cell of the one before.
+
+    The first has cells of 15 mm or more, or fewer than 16 of them along a side.
+    """
     columns, rows = mesh.columns - 1, mesh.rows - 1
     grids = [Grid(rows + 1, columns + 1, mesh.resolution_m, mesh.resolution_m)]
     while grids[0].hu < 0.75 * COARSEST_CELL_M and min(rows, columns) >= 16:

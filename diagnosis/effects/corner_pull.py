@@ -10,12 +10,13 @@ from simcore.scenes import Scene
 
 
 def change(scene: SimulationScene, size: Size) -> SimulationScene:
-    """Along the outward diagonal; the hanging scene has no such pin."""
+    """Along the sample's diagonal, as the scene pulls; the hanging scene has no such pin."""
     if scene.setup.scene is not Scene.STRETCH:
         return scene
     x, y, z = scene.setup.pins_m["bottom_right"]
-    step = size[SCALAR] / math.sqrt(2.0)
-    return scene.with_setup(scene.setup.with_pins(bottom_right=(x + step, y - step, z)))
+    width, height = (side / max(scene.setup.sample_size_m) for side in scene.setup.sample_size_m)
+    step = size[SCALAR] / math.hypot(width, height)
+    return scene.with_setup(scene.setup.with_pins(bottom_right=(x + step * width, y - step * height, z)))
 
 
 EFFECT = Effect(

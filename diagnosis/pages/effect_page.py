@@ -19,12 +19,12 @@ from diagnosis.measurement.picture import picture_of
 from diagnosis.own_effect import HOW_TO_ADD
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.simulation.simulator import Simulator
+from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.synthesis import SET_SENSOR
 from renderer.atomic import write_atomically
 from renderer.camera import CANONICAL_CAMERA
 from renderer.sensor import IDEAL_SENSOR
-from simcore.errors import InputError
+from simcore.errors import InputError, SimulationError
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Setup
@@ -34,7 +34,8 @@ RESOLUTION_M = 0.0125
 PICTURES = "pictures/effects"
 HANGING = ("hem_weight", "panel_tilt", "crease", "bending_hysteresis")
 """Effects that the hanging scene shows better."""
-COLOURS = 32
+COLOURS = 33
+"""Of each half of a picture; an odd number has one for what does not change."""
 Array = NDArray[np.float64]
 
 
@@ -48,7 +49,7 @@ def write_page(page: Path, *, draw: bool = True, on_effect: Callable[[str], None
 
     Raises:
         InputError: nothing is to be drawn, and the page there does not show an effect yet.
-        SimulationError: a drape does not come to rest.
+        SimulationError: a drape does not come to rest, without an effect or with it.
     """
     folder = page.parent / PICTURES
     folder.mkdir(parents=True, exist_ok=True)
@@ -168,17 +169,23 @@ class _Artist:
         self.mesh = GridMesh(RESOLUTION_M)
 
     def draw(self, effect: Effect, path: Path) -> float:
-        """One picture; returns the change at which the colours end [m]."""
+        """One picture; returns the change at which the colours end [m].
+
+        Raises:
+            SimulationError: a drape does not come to rest.
+        """
         scene = SimulationScene(
             Setup.nominal(_scene_name(effect)),
             camera=CANONICAL_CAMERA,
             sensor=SET_SENSOR if effect.stage is Stage.SENSOR else IDEAL_SENSOR,
         )
-        base = self.simulator.put_up(self.mesh, FABRIC, scene, 1)
+        base = self._put_up(scene, "without an effect")
         changed = effect.apply(scene, effect.typical())
         drape = base
-        if (changed.setup, changed.mechanics) != (scene.setup, scene.mechanics):
-            drape = self.simulator.proceed(base, FABRIC, changed)
+        if effect.holds:  # a drape that is continued is held where it rests already, and nothing shows
+            drape = self._put_up(changed, f"with {effect.name}")
+        elif (changed.setup, changed.mechanics) != (scene.setup, scene.mechanics):
+            drape = _at_rest(self.simulator.proceed(base, FABRIC, changed), f"with {effect.name}")
         before = _sensed(picture_of(base.drape, scene), scene)
         after = _sensed(picture_of(drape.drape, changed), changed)
         seen = (before > 0) & (after > 0)
@@ -188,6 +195,19 @@ class _Artist:
         _save(path, height, change, largest)
         return largest
 
+    def _put_up(self, scene: SimulationScene, how: str) -> KeyedDrape:
+        return _at_rest(self.simulator.put_up(self.mesh, FABRIC, scene, 1), how)
+
+
+def _at_rest(drape: KeyedDrape, how: str) -> KeyedDrape:
+    if not drape.drape.ok:
+        raise SimulationError(
+            f"the drape {how} is {drape.drape.status}: {drape.drape.reason}; give an effect of your own smaller sizes, "
+            "or draw with another FABRIC or a finer RESOLUTION_M",
+            code="simulation_not_still",
+        )
+    return drape
+
 
 def _sensed(picture: NDArray[np.float32], scene: SimulationScene) -> Array:
     noisy = scene.sensor.apply(picture, np.random.default_rng(0), camera=scene.camera)
@@ -195,17 +215,26 @@ def _sensed(picture: NDArray[np.float32], scene: SimulationScene) -> Array:
 
 
 def _save(path: Path, height: Array, change: Array, largest: float) -> None:
+    """Height beside change, each in colours of its own map; black where there is nothing."""
     from matplotlib import colormaps
     from PIL import Image
 
     window = (slice(20, 236), slice(28, 228))
-    left = colormaps["viridis"](np.clip(height[window] / max(0.03, float(np.nanmax(height))), 0, 1))[..., :3]
-    right = colormaps["RdBu_r"](np.clip(0.5 + 0.5 * change[window] / largest, 0, 1))[..., :3]
-    for pixels, values in ((left, height[window]), (right, change[window])):
-        pixels[~np.isfinite(values)] = 0.0
-    both = np.concatenate([left, np.ones((left.shape[0], 4, 3)), right], axis=1)
-    image = Image.fromarray((255 * both).astype(np.uint8)).quantize(COLOURS)
+    steps = np.linspace(0.0, 1.0, COLOURS)
+    nothing, between = 2 * COLOURS, 2 * COLOURS + 1
+    maps = [colormaps[name](steps)[:, :3] for name in ("viridis", "RdBu_r")]
+    colours = np.concatenate([*maps, np.zeros((1, 3)), np.ones((1, 3))])
+    left = _numbers(height[window] / max(0.03, float(np.nanmax(height))), 0, nothing)
+    right = _numbers(0.5 + 0.5 * change[window] / largest, COLOURS, nothing)
+    image = Image.fromarray(np.concatenate([left, np.full((len(left), 4), between, np.uint8), right], axis=1))
+    image.putpalette((255 * colours).astype(np.uint8).tobytes())
     image.save(path, optimize=True)
+
+
+def _numbers(shares: Array, first: int, nothing: int) -> NDArray[np.uint8]:
+    """Numbers of the colours of shares of a map that begins at ``first``."""
+    steps = np.rint(np.clip(shares, 0.0, 1.0) * (COLOURS - 1))
+    return np.where(np.isfinite(shares), first + steps, nothing).astype(np.uint8)
 
 
 def main(arguments: list[str] | None = None) -> None:

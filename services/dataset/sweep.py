@@ -58,7 +58,7 @@ def prepare_store(url: str, configuration: SweepConfiguration, *, resume: bool) 
         configuration.layout,
         configuration=configuration.model_dump(mode="json"),
         seed=configuration.seed,
-        software_version=data_version(),
+        software_version=_version(configuration),
     )
     return list(range(configuration.layout.shards))
 
@@ -84,13 +84,18 @@ def shards_left(url: str, configuration: SweepConfiguration, *, resume: bool) ->
             "resume it with its own, or choose another --out",
             code="store_configuration",
         )
-    if store.stated["software_version"] != data_version():
+    if store.stated["software_version"] != _version(configuration):
         raise InputError(
-            f"{url}: was begun with version {store.attributes['software_version']}, this is {data_version()}; "
+            f"{url}: was begun with version {store.attributes['software_version']}, this is {_version(configuration)}; "
             "finish it with the same version, or choose another --out",
             code="store_version",
         )
     return [int(shard) for shard in np.flatnonzero(~store.complete)]
+
+
+def _version(configuration: SweepConfiguration) -> str:
+    """Version of what makes a sweep's rows."""
+    return data_version(batch=configuration.solver is not SolverKind.SINGLE, drawn=configuration.design.draws)
 
 
 def run_sweep(

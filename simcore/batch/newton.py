@@ -113,22 +113,26 @@ class BatchNewton:
         )  # fmt: skip
 
     def _leave(self, state: _State, rest: BatchRest) -> None:
-        """Write down how far all are; let those go that never will be at rest, or are and need not be certified."""
+        """Write down how far all are; let those go that never will be at rest, or are and need not be certified.
+
+        What is near after the last step stays for one more factorisation, which judges it.
+        """
         options = self.options
+        near = state.residual < options.tolerance
         rest.x[state.which], rest.residual[state.which] = state.x, state.residual
         rest.iterations[state.which] = state.steps
         done = torch.zeros_like(state.which, dtype=torch.bool)
         if not options.certify:
-            done = state.residual < options.tolerance
+            done = near
         rest.converged[state.which] = done
-        state.keep(~(done | ~torch.isfinite(state.residual) | (state.steps >= options.iterations)))
+        state.keep(~(done | ~torch.isfinite(state.residual) | ((state.steps >= options.iterations) & ~near)))
 
     def _iterate(self, state: _State, stuck: _State, rest: BatchRest) -> None:
         """One factorisation and what is made of it; cloths at rest leave the state, those on saddles go to ``stuck``.
 
         A cloth whose matrix is not positive definite tries a lower blend, then more damping, in the next iteration.
         """
-        level = self.level
+        level, spent = self.level, state.steps >= self.options.iterations
         near = state.residual < self.options.tolerance
         state.blend[near], state.damping[near] = 1.0, 0.0
         shift = state.damping * level.weights[state.which] / level.grid.hu
@@ -144,7 +148,7 @@ class BatchNewton:
         self._ease(state, ~good & ~near)
         state.steps[good | near] += 1
         state.escapes[saddle] += 1
-        left = done | broken | (state.escapes > ESCAPES)
+        left = done | broken | (saddle & spent) | (state.escapes > ESCAPES)
         others = _State(**vars(state))
         others.keep(saddle & ~left)
         stuck.join(others)

@@ -21,9 +21,9 @@ from .judge import cloth_of, held_places, positions
 from .rigs import FABRICS
 
 
-def moved(effect: str, size: float, scene: Scene) -> Setup:
+def moved(effect: str, size: float, scene: Scene, sample_size_m: tuple[float, float] = (0.5, 0.5)) -> Setup:
     """The set-up with pins where the effect puts them; nothing else may change."""
-    plain = SimulationScene(Setup.nominal(scene))
+    plain = SimulationScene(Setup.nominal(scene, sample_size_m=sample_size_m))
     changed = get_effect(effect).apply(plain, size)
     assert replace(changed, setup=plain.setup) == plain
     return changed.setup
@@ -48,15 +48,18 @@ def test_drops_of_either_sign_give_mirrored_drapes(solver: Solver) -> None:
     assert positions(a)[-1, -1, 1] < positions(a)[-1, 0, 1] - 0.006  # the whole sheet hangs lower on that side
 
 
+@pytest.mark.parametrize("sample", [(0.5, 0.5), (0.3, 0.3), (0.4, 0.5), (0.5, 0.2)])
 @pytest.mark.parametrize("size", [0.009, -0.006])
-def test_corner_pull_goes_on_along_the_scene_s_own_pull(size: float) -> None:
-    nominal = Setup.nominal(Scene.STRETCH)
-    own = np.subtract(nominal.pins_m["bottom_right"], (0.25, -0.5, 0.0))  # from the flat sample's corner
-    place = moved("corner_pull", size, Scene.STRETCH).pins_m["bottom_right"]
+def test_corner_pull_goes_on_along_the_scene_s_own_pull(size: float, sample: tuple[float, float]) -> None:
+    nominal, (width, height) = Setup.nominal(Scene.STRETCH, sample_size_m=sample), sample
+    own = np.subtract(nominal.pins_m["bottom_right"], (0.5 * width, -height, 0.0))  # from the flat sample's corner
+    place = moved("corner_pull", size, Scene.STRETCH, sample).pins_m["bottom_right"]
     assert np.subtract(place, nominal.pins_m["bottom_right"]) == pytest.approx(size * own / np.linalg.norm(own))
-    assert own / np.linalg.norm(own) == pytest.approx(np.array([1.0, -1.0, 0.0]) / math.sqrt(2.0))
-    assert moved("corner_pull", size, Scene.STRETCH) == nominal.with_pins(bottom_right=place)
-    assert moved("corner_pull", size, Scene.HANGING) == Setup.nominal(Scene.HANGING)
+    if width == height:
+        x, y, z = nominal.pins_m["bottom_right"]
+        assert place == (x + size / math.sqrt(2.0), y - size / math.sqrt(2.0), z)
+    assert moved("corner_pull", size, Scene.STRETCH, sample) == nominal.with_pins(bottom_right=place)
+    assert moved("corner_pull", size, Scene.HANGING, sample) == Setup.nominal(Scene.HANGING, sample_size_m=sample)
 
 
 def test_the_farther_a_corner_is_pulled_the_more_energy_it_takes(solver: Solver) -> None:
