@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from typing import Any
 
 from simcore.errors import InputError
@@ -23,8 +24,7 @@ def parse_json(text: str, source: object) -> Any:
     def once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            keys = [key for key, _ in pairs]
-            twice = next(key for key in keys if keys.count(key) > 1)
+            twice, _ = next(item for item in Counter(key for key, _ in pairs).items() if item[1] > 1)
             raise InputError(f"{source}: {twice!r} is given twice in one object: give it once", code="file_key_twice")
         return found
 
