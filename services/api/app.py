@@ -46,14 +46,18 @@ ROUTERS: tuple[APIRouter, ...] = (
 def create_app(settings: Settings) -> FastAPI:
     """An application with its own database connections and inference process, ended with it."""
     database = Database(settings.database)
-    inference = Inference(queue=settings.estimate_queue, timeout_s=settings.estimate_timeout_s)
     metrics = Metrics(database)
+    inference = Inference(
+        queue=settings.estimate_queue,
+        timeout_s=settings.estimate_timeout_s,
+        observe=metrics.estimate_seconds.observe,
+    )
+    state = ServiceState(settings, database, inference, metrics)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         yield
-        inference.close()
-        database.close()
+        state.close()
 
     app = FastAPI(
         title="Drapemeter",
@@ -63,13 +67,13 @@ def create_app(settings: Settings) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
     )
-    app.state.service = ServiceState(settings, database, inference, metrics)
+    app.state.service = state
     for router in ROUTERS:
         app.include_router(router)
     app.state.api_routes = [route for router in ROUTERS for route in router.routes if isinstance(route, Route)]
     install_problem_handlers(app)
     install_openapi(app)
-    app.add_middleware(KeyFirst, state=app.state.service)
+    app.add_middleware(KeyFirst, state=state)
     app.add_middleware(BodyLimit, limit=settings.max_request_bytes, plain_limit=PLAIN_BODY_BYTES)
     app.add_middleware(HeadAsGet)
     app.add_middleware(RequestRecord, metrics=metrics)

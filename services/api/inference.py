@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -36,14 +38,18 @@ class Inference:
     Args:
         queue: how many may be under way or waiting.
         timeout_s: how long one may compute.
+        observe: told the seconds that each estimate took in the process.
     """
 
-    def __init__(self, *, queue: int, timeout_s: float) -> None:
+    def __init__(
+        self, *, queue: int, timeout_s: float, observe: Callable[[float], None] = lambda seconds: None
+    ) -> None:
         self._queue = queue
         self._timeout_s = timeout_s
+        self._observe = observe
         self._under_way = 0
         self._seconds = 1.0
-        self._closing = False
+        self._ends_at = math.inf
         self._child = ChildProcess("drapemeter-inference", recycle_after=10_000)
         # One thread waits on the process's pipe; it computes nothing, and its own queue keeps the order.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="inference-wait")
@@ -55,8 +61,10 @@ class Inference:
             InferenceBusyError: the queue is full.
             InferenceTimeoutError: it took too long.
             InputError: the input cannot be used.
+            MissingResourceError: the server shuts down.
             DrapemeterError: another failure.
         """
+        self._refuse_at_the_end()
         if self._under_way >= self._queue:
             raise InferenceBusyError(max(1, round(self._seconds * self._under_way)))
         self._under_way += 1
@@ -65,11 +73,22 @@ class Inference:
         future.add_done_callback(self._ended)
         return await asyncio.shield(future)
 
+    def ask_to_end(self, within_s: float) -> None:
+        """What has not ended in this time is refused, whether it is under way or waits; returns at once."""
+        self._ends_at = min(self._ends_at, time.monotonic() + within_s)
+
     def close(self) -> None:
-        """End the process."""
-        self._closing = True
-        self._thread.shutdown(wait=True, cancel_futures=True)
+        """End the process, and tell whoever waits; closing twice does no harm."""
+        self.ask_to_end(0.0)
+        self._thread.shutdown(wait=True)  # what waits is begun, and refused
         self._child.stop()
+
+    def _refuse_at_the_end(self) -> None:
+        if time.monotonic() >= self._ends_at:
+            raise self._shutting_down()
+
+    def _shutting_down(self) -> MissingResourceError:
+        return MissingResourceError("the server is shutting down: try again", code="shutting_down")
 
     def _ended(self, future: asyncio.Future[Any]) -> None:
         self._under_way -= 1
@@ -77,6 +96,7 @@ class Inference:
             future.exception()  # whoever waits gets it; when nobody does, it is no news
 
     def _compute(self, call: Call) -> Any:
+        self._refuse_at_the_end()
         started = time.monotonic()
         self._child.start(call)
         while True:
@@ -84,8 +104,7 @@ class Inference:
             waited = time.monotonic() - started
             match event:
                 case None | Progress():
-                    if self._closing:
-                        raise MissingResourceError("the server is shutting down: try again", code="shutting_down")
+                    self._refuse_at_the_end()
                     if waited > self._timeout_s:
                         self._child.stop()
                         raise InferenceTimeoutError(
@@ -93,11 +112,14 @@ class Inference:
                         )
                 case Done(value):
                     self._seconds = 0.8 * self._seconds + 0.2 * waited
+                    self._observe(waited)
                     return value
                 case Refused(code, detail, True):
                     raise InputError(detail, code=code)
                 case Refused(code, detail, False):
                     raise MissingResourceError(detail, code=code)
+                case Crashed(again=True) if self._ends_at < math.inf:  # a signal to all processes ends this one, too
+                    raise self._shutting_down()
                 case Crashed(reason):
                     raise DrapemeterError(
                         f"the inference process {reason}; see the server's log", code="internal_error"

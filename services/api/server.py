@@ -12,12 +12,16 @@ import uvicorn
 
 from services.api.app import create_app
 from services.api.keys import any_key
+from services.api.state import ServiceState
 from services.db.engine import Database
 from services.jobs.processes import WorkerProcesses
 from services.settings import Settings
 from simcore.errors import InputError
 
 SHUTDOWN_S = 10
+"""How long requests under way may take still once the server is asked to end [s]; then they are cut off."""
+ESTIMATES_END_S = 8.0
+"""The same for estimates: before they are cut off, so that whoever waits is told."""
 log = structlog.get_logger("drapemeter.serve")
 
 
@@ -34,45 +38,55 @@ def run_server(settings: Settings, on_listening: Callable[[str], None] | None = 
     _say_who_may_come(settings)
     workers = WorkerProcesses(settings)
     listener = open_listener(settings.host, settings.port)
+    app = create_app(settings)
+    service: ServiceState = app.state.service
     config = uvicorn.Config(
-        create_app(settings),
+        app,
         log_config=None,
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=SHUTDOWN_S,
         timeout_keep_alive=30,
     )
-    server = _Server(config, workers)
+
+    def ask_to_end() -> None:
+        workers.ask_to_end()
+        service.inference.ask_to_end(ESTIMATES_END_S)
+
+    server = _Server(config, ask_to_end)
 
     def leave(_signal: int, _frame: FrameType | None) -> None:
         server.should_exit = True
-        workers.ask_to_end()
+        ask_to_end()
 
     # While it serves uvicorn has handlers of its own, see below. It raises the signal again once it has ended; with the
     # default handlers we would end before our workers.
     signal.signal(signal.SIGTERM, leave)
     signal.signal(signal.SIGINT, leave)
-    workers.start()
-    log.info("listening", url=url_of(listener))
-    if on_listening is not None:
-        on_listening(url_of(listener))
     try:
+        workers.start()
+        log.info("listening", url=url_of(listener))
+        if on_listening is not None:
+            on_listening(url_of(listener))
         server.run(sockets=[listener])
     finally:
         listener.close()
+        service.close()  # a second Ctrl-C passes over the application's own end
         workers.close()
 
 
 class _Server(uvicorn.Server):
-    """Tells the workers of a signal at once: whoever stops us may not wait until requests and then jobs have ended."""
+    """Tells workers and estimates of a signal at once: whoever stops us may not wait until requests and then jobs
+    have ended.
+    """
 
-    def __init__(self, config: uvicorn.Config, workers: WorkerProcesses) -> None:
+    def __init__(self, config: uvicorn.Config, ask_to_end: Callable[[], None]) -> None:
         super().__init__(config)
-        self._workers = workers
+        self._ask_to_end = ask_to_end
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """See :class:`uvicorn.Server`."""
-        self._workers.ask_to_end()
+        self._ask_to_end()
         super().handle_exit(sig, frame)
 
 

@@ -21,6 +21,11 @@ class ServiceState:
     inference: Inference
     metrics: Metrics
 
+    def close(self) -> None:
+        """End the inference process and the database's connections; closing twice does no harm."""
+        self.inference.close()
+        self.database.close()
+
 
 def get_state(request: Request) -> ServiceState:
     """The application's state, as a dependency."""

@@ -71,7 +71,8 @@ class WorkerProcesses:
 
     def start(self) -> None:
         """Start all, and watch over them."""
-        self._processes = [self._launch() for _ in range(self._settings.workers)]
+        for _ in range(self._settings.workers):
+            self._processes.append(self._launch())
         self._watcher.start()
 
     def ask_to_end(self) -> None:

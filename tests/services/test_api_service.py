@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import httpx
 import pytest
 import uvicorn
 
-from services.api.server import _Server
+from services.api import server
+from services.api.inference import Inference
+from services.api.server import _Server, run_server
+from services.db.engine import Database
+from services.settings import Settings
 from tests.services.served import QUICK, SOFT, STIFF, Served, drapemeter, finished
 
 pytestmark = pytest.mark.timeout(400)
@@ -100,7 +104,47 @@ def test_a_taken_port_is_told_in_one_line(served: Served, tmp_path: Path) -> Non
 def test_workers_are_told_of_a_signal_while_requests_are_open() -> None:
     """The server itself waits for these."""
     asked: list[str] = []
-    workers = SimpleNamespace(ask_to_end=lambda: asked.append("to end"))
-    server = _Server(uvicorn.Config("no:app"), workers)  # type: ignore[arg-type]
-    server.handle_exit(signal.SIGTERM, None)
-    assert asked == ["to end"] and server.should_exit and not server.force_exit
+    waiting = _Server(uvicorn.Config("no:app"), lambda: asked.append("to end"))
+    waiting.handle_exit(signal.SIGTERM, None)
+    assert asked == ["to end"] and waiting.should_exit and not waiting.force_exit
+
+
+@pytest.fixture
+def ended(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+    """What a server in this process has ended; it has no processes, and its handlers of signals go with the test."""
+    found: list[str] = []
+
+    class Workers:
+        def __init__(self, settings: Settings) -> None:
+            """No processes."""
+
+        def start(self) -> None:
+            found.append("begun")
+
+        def close(self) -> None:
+            found.append("workers")
+
+    monkeypatch.setattr(server, "WorkerProcesses", Workers)
+    monkeypatch.setattr(Inference, "close", lambda self: found.append("inference"))
+    kept = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    yield found
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+def test_the_inference_process_ends_where_a_second_signal_cuts_the_end_short(
+    ended: list[str], database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """uvicorn then leaves out the end of the application, and a process that nobody ends is waited for for ever."""
+    monkeypatch.setattr(_Server, "run", lambda self, sockets: None)
+    run_server(Settings(database=str(database.url), port=0))
+    assert ended == ["begun", "inference", "workers"]
+
+
+def test_workers_end_where_nobody_takes_the_address(ended: list[str], database: Database) -> None:
+    def leave(url: str) -> None:
+        raise BrokenPipeError
+
+    with pytest.raises(BrokenPipeError):
+        run_server(Settings(database=str(database.url), port=0), leave)
+    assert ended == ["begun", "inference", "workers"]

@@ -116,8 +116,7 @@ async def create_estimate(
 async def _compute(state: ServiceState, document: str, pictures: dict[str, bytes], density: float) -> dict[str, Any]:
     call = Call(estimate_pictures, (document, pictures, density, require_model(state.settings.model)))
     try:
-        with state.metrics.estimate_seconds.time():
-            found: dict[str, Any] = await state.inference.run(call)
+        found: dict[str, Any] = await state.inference.run(call)
     except InferenceBusyError as error:
         state.metrics.estimates_refused.inc()
         raise ProblemError(503, error.code, str(error), {"Retry-After": str(error.retry_after_s)}) from None
