@@ -104,7 +104,10 @@ class WorkerProcesses:
             for index, process in enumerate(self._processes):
                 if not process.is_alive():
                     log.error("worker_died", pid=process.pid, exit_code=process.exitcode)
-                    self._processes[index] = self._launch()
+                    try:
+                        self._processes[index] = self._launch()
+                    except OSError as error:  # no memory or process left at this moment: the next round tries again
+                        log.error("worker_not_started", error=str(error))
 
 
 def run_workers(settings: Settings) -> None:
@@ -116,6 +119,8 @@ def run_workers(settings: Settings) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     workers = WorkerProcesses(settings)
-    workers.start()
-    stopping.wait()
-    workers.close()
+    try:
+        workers.start()
+        stopping.wait()
+    finally:
+        workers.close()
