@@ -60,7 +60,7 @@ class ChildProcess:
             if not connection.poll(timeout_s):
                 return None
             event: Event = connection.recv()
-        except (EOFError, ConnectionResetError):
+        except (EOFError, OSError):  # the latter where it ended in the middle of a message
             return self._bury(process)
         return event
 

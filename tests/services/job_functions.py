@@ -35,6 +35,11 @@ def die(*, report: Report) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def tell_much(*, report: Report) -> bytes:
+    """More than a pipe holds."""
+    return bytes(16 * 1024 * 1024)
+
+
 def sleep(mark: str, *, report: Report) -> None:
     """For long; leaves a file when asked to end politely."""
     try:
