@@ -51,6 +51,7 @@ def create_app(settings: Settings) -> FastAPI:
         queue=settings.estimate_queue,
         timeout_s=settings.estimate_timeout_s,
         observe=metrics.estimate_seconds.observe,
+        log_level=settings.log_level,
     )
     state = ServiceState(settings, database, inference, metrics)
 

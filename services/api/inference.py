@@ -39,10 +39,16 @@ class Inference:
         queue: how many may be under way or waiting.
         timeout_s: how long one may compute.
         observe: told the seconds that each estimate took in the process.
+        log_level: of the process.
     """
 
     def __init__(
-        self, *, queue: int, timeout_s: float, observe: Callable[[float], None] = lambda seconds: None
+        self,
+        *,
+        queue: int,
+        timeout_s: float,
+        observe: Callable[[float], None] = lambda seconds: None,
+        log_level: str = "info",
     ) -> None:
         self._queue = queue
         self._timeout_s = timeout_s
@@ -50,7 +56,7 @@ class Inference:
         self._under_way = 0
         self._seconds = 1.0
         self._ends_at = math.inf
-        self._child = ChildProcess("drapemeter-inference", recycle_after=10_000)
+        self._child = ChildProcess("drapemeter-inference", recycle_after=10_000, log_level=log_level)
         # One thread waits on the process's pipe; it computes nothing, and its own queue keeps the order.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="inference-wait")
 

@@ -15,7 +15,10 @@ import threading
 import time
 from types import FrameType
 
-from services.jobs.task import Call, Crashed, Done, Event, Progress, Refused, Throttle
+import structlog
+
+from services.jobs.task import Call, Crashed, Done, Event, Progress, Refused, Report, Throttle
+from services.logs import configure_logging
 from simcore.errors import DrapemeterError, InputError
 from simcore.parent import end_with_parent
 
@@ -24,6 +27,8 @@ STOP_GRACE_S = 10.0
 STOPPED = 128 + signal.SIGTERM
 """Exit status of a process that was told to end."""
 
+log = structlog.get_logger("drapemeter.job")
+
 
 class ChildProcess:
     """A :class:`~services.jobs.task.Runner` on this machine. Not thread-safe.
@@ -31,11 +36,13 @@ class ChildProcess:
     Args:
         name: for process lists.
         recycle_after: calls after which the process is replaced, which bounds what a leak can take.
+        log_level: of the process, see :func:`services.logs.configure_logging`.
     """
 
-    def __init__(self, name: str, *, recycle_after: int = 100) -> None:
+    def __init__(self, name: str, *, recycle_after: int = 100, log_level: str = "info") -> None:
         self._name = name
         self._recycle_after = recycle_after
+        self._log_level = log_level
         self._calls = 0
         self._process: multiprocessing.process.BaseProcess | None = None
         self._connection: multiprocessing.connection.Connection | None = None
@@ -82,7 +89,7 @@ class ChildProcess:
     def _launch(self) -> None:
         spawn = multiprocessing.get_context("spawn")
         ours, theirs = spawn.Pipe()
-        process = spawn.Process(target=serve_calls, args=(theirs,), name=self._name)
+        process = spawn.Process(target=serve_calls, args=(theirs, self._log_level), name=self._name)
         process.start()
         theirs.close()
         self._process, self._connection, self._calls = process, ours, 0
@@ -99,11 +106,12 @@ class ChildProcess:
         return Crashed(f"ended with exit status {code}", again=False)
 
 
-def serve_calls(connection: multiprocessing.connection.Connection) -> None:
+def serve_calls(connection: multiprocessing.connection.Connection, log_level: str) -> None:
     """Body of the child: one call after another on the main thread, until the parent hangs up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is the server's to handle
     signal.signal(signal.SIGTERM, _leave)
     end_with_parent()
+    configure_logging(log_level)
     lock, throttle = threading.Lock(), Throttle()
 
     def send(event: Event) -> None:
@@ -119,12 +127,19 @@ def serve_calls(connection: multiprocessing.connection.Connection) -> None:
             call: Call = connection.recv()
         except EOFError:
             return
-        try:
-            value = call.function(*call.arguments, report=report)
-        except DrapemeterError as error:
-            send(Refused(error.code, str(error), isinstance(error, InputError)))
-        else:
-            send(Done(value))
+        with structlog.contextvars.bound_contextvars(**call.about):
+            try:
+                send(_outcome(call, report))
+            except Exception:  # the outermost frame: what nobody foresaw ends the process, and is told
+                log.exception("unforeseen_error")
+                sys.exit(1)
+
+
+def _outcome(call: Call, report: Report) -> Done | Refused:
+    try:
+        return Done(call.function(*call.arguments, report=report))
+    except DrapemeterError as error:
+        return Refused(error.code, str(error), isinstance(error, InputError))
 
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:

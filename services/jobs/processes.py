@@ -44,8 +44,9 @@ def run_worker(settings: Settings, work: Callable[..., TaskOutput] = execute) ->
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         threading.Thread(target=_follow, args=(parent, stopping), daemon=True).start()
     database = Database(settings.database)
+    runner = ChildProcess("drapemeter-job", log_level=settings.log_level)
     try:
-        JobWorker(settings, database, ChildProcess("drapemeter-job"), stopping, work).run()
+        JobWorker(settings, database, runner, stopping, work).run()
     finally:
         database.close()
 

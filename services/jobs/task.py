@@ -58,10 +58,14 @@ class TaskOutput:
 
 @dataclass(frozen=True)
 class Call:
-    """A function of a module, importable in another process, and its arguments; it also gets ``report=``."""
+    """A function of a module, importable in another process, and its arguments; it also gets ``report=``.
+
+    ``about`` stands in the log lines of the process meanwhile.
+    """
 
     function: Callable[..., Any]
     arguments: tuple[Any, ...] = ()
+    about: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

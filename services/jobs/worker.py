@@ -104,7 +104,7 @@ class JobWorker:
             resources = Resources(self._settings.model, self._settings.dataset_root, self._settings.ray_address)
             task = Task(claim.id, claim.kind, inputs, claim.files, resources, scratch)
             try:
-                self._runner.start(Call(self._work, (task,)))
+                self._runner.start(Call(self._work, (task,), {"job": claim.id, "kind": claim.kind}))
             except OSError as error:
                 self._give_back_for_now(claim, f"no process to work in: {error}")
                 return

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,6 +41,17 @@ def test_a_result_a_refusal_and_a_mistake_come_back_as_what_they_are(child: Chil
     assert ending(child) == Crashed("ended with exit status 1", again=False)
     child.start(Call(job_functions.double, (1,)))  # a new process
     assert ending(child) == Done(2)
+
+
+def test_a_mistake_is_one_line_of_the_log_that_names_its_job(
+    child: ChildProcess, capfd: pytest.CaptureFixture[str]
+) -> None:
+    child.start(Call(job_functions.fall, (), {"job": "job_1"}))
+    assert ending(child) == Crashed("ended with exit status 1", again=False)
+    (line,) = capfd.readouterr().err.splitlines()
+    told = json.loads(line)
+    assert (told["event"], told["level"], told["job"]) == ("unforeseen_error", "error", "job_1")
+    assert "in fall" in told["exception"] and "ZeroDivisionError" in told["exception"]
 
 
 def test_a_killed_process_may_be_tried_again(child: ChildProcess) -> None:

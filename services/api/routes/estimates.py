@@ -14,6 +14,7 @@ from pydantic import BaseModel, Field
 from capture.documents import CameraDocument, SetupDocument
 from renderer.camera import CANONICAL_CAMERA
 from services.api.auth import Caller, require
+from services.api.context import request_id
 from services.api.documented import problems
 from services.api.estimate_task import estimate_pictures
 from services.api.forms import known_fields_only
@@ -114,7 +115,8 @@ async def create_estimate(
 
 
 async def _compute(state: ServiceState, document: str, pictures: dict[str, bytes], density: float) -> dict[str, Any]:
-    call = Call(estimate_pictures, (document, pictures, density, require_model(state.settings.model)))
+    arguments = (document, pictures, density, require_model(state.settings.model))
+    call = Call(estimate_pictures, arguments, {"request_id": request_id()})
     try:
         found: dict[str, Any] = await state.inference.run(call)
     except InferenceBusyError as error:
