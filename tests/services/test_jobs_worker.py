@@ -1,0 +1,155 @@
+"""The worker: what it does while a cluster, the database or its machine is not there."""
+
+from __future__ import annotations
+
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy.exc import DataError, OperationalError
+
+from services.db.engine import Database
+from services.db.jobs import Job, JobStatus
+from services.jobs.queue import JobQueue, enqueue
+from services.jobs.scratch import make_scratch
+from services.jobs.task import Call, Done, Event, Refused, Runner, TaskOutput
+from services.jobs.worker import JobWorker
+from services.settings import Settings
+from tests.services.job_rows import read_job
+
+
+def add(database: Database) -> str:
+    with database.write() as session:
+        return enqueue(session, "drape_distance", {"n": 1}).id
+
+
+class Working(Runner):
+    """Works for some polls, then is done."""
+
+    def __init__(self, polls: int) -> None:
+        self.left, self.stops = polls, 0
+
+    def start(self, call: Call) -> None:
+        """Nothing to do."""
+
+    def poll(self, timeout_s: float) -> Event | None:
+        time.sleep(0.02)
+        self.left -= 1
+        return None if self.left > 0 else Done(TaskOutput({"distance": 0.5}, ()))
+
+    def stop(self) -> None:
+        self.stops += 1
+
+
+class Refusing(Working):
+    """Has no cluster at first."""
+
+    def __init__(self, *answers: Event) -> None:
+        super().__init__(0)
+        self.answers = list(answers)
+
+    def poll(self, timeout_s: float) -> Event | None:
+        return self.answers.pop(0)
+
+
+AWAY = Refused("cluster_missing", "no Ray cluster answers at head:6379", True)
+
+
+def worked(database: Database, job_id: str, runner: Runner, **settings: float) -> Job:
+    """A job after a worker has had it for as long as it wants."""
+    stopping = threading.Event()
+    made = Settings.model_validate({"database": str(database.url), "job_lease_s": 5.0, **settings})
+    worker = JobWorker(made, database, runner, stopping)
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(worker.run)
+        deadline = time.monotonic() + 30
+        while read_job(database, job_id).finished_at is None and time.monotonic() < deadline:
+            time.sleep(0.05)
+        stopping.set()
+        running.result()
+    return read_job(database, job_id)
+
+
+def test_a_job_waits_for_a_cluster_that_is_away(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.05)
+    done = Done(TaskOutput({"distance": 0.5}, ()))
+    job = worked(database, add(database), Refusing(AWAY, AWAY, AWAY, AWAY, done))
+    assert (job.status, job.attempts, job.result) == (JobStatus.SUCCEEDED, 1, {"distance": 0.5})
+    job = worked(database, add(database), Refusing(AWAY), job_cluster_patience_s=0.0)
+    assert job.status == JobStatus.FAILED and job.problem is not None and job.problem["code"] == "cluster_missing"
+
+
+def test_what_this_machine_lacks_costs_no_attempt(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.05)
+    full = iter([OSError(28, "No space left on device"), OSError(28, "No space left on device")])
+
+    def make() -> Path:
+        for error in full:
+            raise error
+        return make_scratch()
+
+    monkeypatch.setattr("services.jobs.worker.make_scratch", make)
+    job = worked(database, add(database), Working(2))
+    assert (job.status, job.attempts) == (JobStatus.SUCCEEDED, 1)
+
+
+def test_a_job_outlives_a_database_that_is_away_for_longer_than_its_lease(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, refused = JobQueue.renew, []
+
+    def after_a_while(self: JobQueue, *given: Any, **more: Any) -> Any:
+        if not refused or refused[-1] - refused[0] < 1.0:
+            refused.append(time.monotonic())
+            raise OperationalError("UPDATE", {}, Exception("the server closed the connection"))
+        return whole(self, *given, **more)
+
+    monkeypatch.setattr(JobQueue, "renew", after_a_while)
+    runner = Working(100)
+    job = worked(database, add(database), runner, job_lease_s=0.5)
+    assert (job.status, job.attempts) == (JobStatus.SUCCEEDED, 1)
+    assert refused[-1] - refused[0] > 0.5  # longer than the lease
+    assert runner.left <= 0  # it was never begun again
+
+
+def test_a_result_that_the_database_does_not_take_fails_its_job(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(self: JobQueue, *given: Any, **more: Any) -> bool:
+        raise DataError("UPDATE", {}, Exception("unsupported Unicode escape sequence"))
+
+    monkeypatch.setattr(JobQueue, "succeed", refuse)
+    job = worked(database, add(database), Working(2))
+    assert job.status == JobStatus.FAILED and job.attempts == 1
+    assert job.problem is not None and job.problem["code"] == "internal_error"
+
+
+@pytest.mark.parametrize("name", ["renew", "beat", "succeed", "claim"])
+def test_a_database_that_is_away_for_a_moment_costs_no_job(
+    database: Database, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    job_id, stopping, faults = add(database), threading.Event(), []
+    whole = getattr(JobQueue, name)
+
+    def sometimes(self: JobQueue, *given: Any, **more: Any) -> Any:
+        if len(faults) < 2:
+            faults.append(name)
+            raise OperationalError("UPDATE", {}, Exception("the server closed the connection"))
+        return whole(self, *given, **more)
+
+    monkeypatch.setattr(JobQueue, name, sometimes)
+    settings = Settings.model_validate({"database": str(database.url), "job_lease_s": 5.0})
+    runner = Working(120)
+    worker = JobWorker(settings, database, runner, stopping)
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(worker.run)
+        deadline = time.monotonic() + 30
+        while read_job(database, job_id).status != JobStatus.SUCCEEDED and time.monotonic() < deadline:
+            time.sleep(0.05)
+        stopping.set()
+        running.result()
+    job = read_job(database, job_id)
+    assert (job.status, job.attempts, len(faults)) == (JobStatus.SUCCEEDED, 1, 2)
