@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from typing import Any
@@ -118,6 +118,12 @@ class JobQueue:
             )
             contents = tuple(FileContent(f.name, f.media_type, f.content) for f in files)
             return Claim(job.number, job.id, job.kind, job.inputs, contents, job.attempts, worker)
+
+    def unfinished(self, jobs: Collection[str]) -> frozenset[str]:
+        """Those of some jobs, by id, that wait or run."""
+        going_on = Job.status.in_([JobStatus.QUEUED, JobStatus.RUNNING])
+        with self._database.read() as session:
+            return frozenset(session.scalars(select(Job.id).where(Job.id.in_(list(jobs)), going_on)))
 
     def renew(self, claim: Claim, *, progress: float | None = None, message: str | None = None) -> bool | None:
         """Prolong the lease and note progress.

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 
 import structlog
 from sqlalchemy.exc import DataError, SQLAlchemyError
@@ -35,6 +36,14 @@ CLUSTER_AWAY = frozenset({"cluster_missing", "cluster_lost", "workers_missing"})
 """What a job is refused for that is no fault of its own."""
 
 log = structlog.get_logger("drapemeter.worker")
+
+
+@dataclass(frozen=True)
+class _ClusterAway:
+    """A job waits for its cluster since then, on the monotonic clock [s], and ``reached`` this fraction before."""
+
+    since: float
+    reached: float
 
 
 class JobWorker:
@@ -65,7 +74,7 @@ class JobWorker:
         self._queue = JobQueue(database, lease_s=settings.job_lease_s, max_attempts=settings.job_attempts)
         self._beat_every_s = min(settings.job_lease_s / 4, 2.0)
         self._last_beat = self._last_purge = self._reaps_from = float("-inf")
-        self._cluster_away_since: dict[str, float] = {}
+        self._cluster_away: dict[str, _ClusterAway] = {}
 
     def run(self) -> None:
         """Until ``stopping`` is set."""
@@ -122,8 +131,11 @@ class JobWorker:
             event = self._runner.poll(POLL_S)
             if isinstance(event, Progress):
                 latest = event
+                away = self._cluster_away.get(claim.id)
+                if away is not None and event.fraction > away.reached:  # further than without the cluster: it is back
+                    del self._cluster_away[claim.id]
             elif event is not None:
-                return self._settle(claim, event)
+                return self._settle(claim, event, latest.fraction)
             now = time.monotonic()
             if now >= next_renewal:
                 next_renewal = now + min(self._beat_every_s, 1.0)
@@ -148,11 +160,11 @@ class JobWorker:
                     self._insist(lambda: self._queue.release(claim, count_attempt=False))
                     return "given_back"
 
-    def _settle(self, claim: Claim, event: Done | Refused | Crashed) -> str:
-        if isinstance(event, Refused) and event.code in CLUSTER_AWAY and self._waits_for_cluster(claim):
+    def _settle(self, claim: Claim, event: Done | Refused | Crashed, reached: float) -> str:
+        if isinstance(event, Refused) and event.code in CLUSTER_AWAY and self._waits_for_cluster(claim, reached):
             self._give_back_for_now(claim, event.detail)
             return "given_back"
-        self._cluster_away_since.pop(claim.id, None)
+        self._cluster_away.pop(claim.id, None)
         if isinstance(event, Done):
             return self._store(claim, event.value)
         if isinstance(event, Refused):
@@ -181,10 +193,12 @@ class JobWorker:
     def _refuse(self, claim: Claim, code: str, detail: str) -> None:
         self._insist(lambda: self._queue.fail(claim, code, detail))
 
-    def _waits_for_cluster(self, claim: Claim) -> bool:
-        """Whether a job goes on waiting for a cluster that is away; it does so for a while from the first time on."""
+    def _waits_for_cluster(self, claim: Claim, reached: float) -> bool:
+        """Whether a job goes on waiting for a cluster that is away: for a while since it last came further."""
         now = time.monotonic()
-        return now - self._cluster_away_since.setdefault(claim.id, now) < self._settings.job_cluster_patience_s
+        away = self._cluster_away.get(claim.id, _ClusterAway(now, reached))
+        self._cluster_away[claim.id] = _ClusterAway(away.since, max(away.reached, reached))
+        return now - away.since < self._settings.job_cluster_patience_s
 
     def _give_back_for_now(self, claim: Claim, why: str) -> None:
         """What cannot be done here and now is no fault of the job: it is begun again a little later."""
@@ -232,3 +246,5 @@ class JobWorker:
                 jobs_after_days=self._settings.job_retention_days,
                 answers_after_hours=self._settings.idempotency_hours,
             )
+            unfinished = self._queue.unfinished(self._cluster_away)  # one that waits may be cancelled, or end elsewhere
+            self._cluster_away = {job: away for job, away in self._cluster_away.items() if job in unfinished}

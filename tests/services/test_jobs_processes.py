@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,7 +41,7 @@ def workers(monkeypatch: pytest.MonkeyPatch, count: int, launch: Any) -> WorkerP
 
 def test_a_worker_that_cannot_be_replaced_at_once_is_replaced_later(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second, replaced = Process(alive=True), Process(alive=True), threading.Event()
-    made = iter([first, NO_PROCESS, NO_PROCESS, second])
+    made: Iterator[Process | OSError] = iter([first, NO_PROCESS, NO_PROCESS, second])
 
     def launch(self: WorkerProcesses) -> Process:
         found = next(made)

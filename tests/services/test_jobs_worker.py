@@ -6,16 +6,18 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 from sqlalchemy.exc import DataError, OperationalError
 
 from services.db.engine import Database
 from services.db.jobs import Job, JobStatus
-from services.jobs.queue import JobQueue, enqueue
+from services.jobs.queue import JobQueue, enqueue, request_cancel
 from services.jobs.scratch import make_scratch
-from services.jobs.task import Call, Done, Event, Refused, Runner, TaskOutput
+from services.jobs.task import Call, Done, Event, Progress, Refused, Runner, TaskOutput
 from services.jobs.worker import JobWorker
 from services.settings import Settings
 from tests.services.job_rows import read_job
@@ -80,6 +82,66 @@ def test_a_job_waits_for_a_cluster_that_is_away(database: Database, monkeypatch:
     assert (job.status, job.attempts, job.result) == (JobStatus.SUCCEEDED, 1, {"distance": 0.5})
     job = worked(database, add(database), Refusing(AWAY), job_cluster_patience_s=0.0)
     assert job.status == JobStatus.FAILED and job.problem is not None and job.problem["code"] == "cluster_missing"
+
+
+class Clock:
+    """One that a runner sets forward."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = time.monotonic()
+        stands = SimpleNamespace(monotonic=lambda: self.now, sleep=time.sleep, time=time.time, time_ns=time.time_ns)
+        monkeypatch.setattr("services.jobs.worker.time", stands)
+        monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.01)
+
+
+class Slow(Refusing):
+    """The same, a hundred seconds from one answer to the next."""
+
+    def __init__(self, clock: Clock, *answers: Event) -> None:
+        super().__init__(*answers)
+        self.clock = clock
+
+    def poll(self, timeout_s: float) -> Event | None:
+        self.clock.now += 100.0
+        return super().poll(timeout_s)
+
+
+def test_a_job_waits_as_long_again_for_a_cluster_that_was_there_in_between(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = Done(TaskOutput({"distance": 0.5}, ()))
+    work = [Progress(done / 10) for done in range(1, 10)]
+    job = worked(database, add(database), Slow(Clock(monkeypatch), AWAY, *work, AWAY, AWAY, done))
+    assert (job.status, job.attempts) == (JobStatus.SUCCEEDED, 1)
+
+
+def test_what_was_kept_of_a_job_is_no_sign_of_the_cluster(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each attempt comes as far as what is kept goes, and no further."""
+    again: list[Event] = [Progress(0.1), Progress(0.2), AWAY]
+    job = worked(database, add(database), Slow(Clock(monkeypatch), *again, *again, *again, *again))
+    assert job.problem is not None and job.problem["code"] == "cluster_missing"
+
+
+def test_a_job_that_ends_while_it_waits_for_its_cluster_is_forgotten(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.0)
+    first, second = add(database), add(database)
+    settings = Settings(database=str(database.url))
+    worker = JobWorker(settings, database, Refusing(AWAY, AWAY), threading.Event())
+
+    def refused() -> str:
+        claim = JobQueue(database, lease_s=30, max_attempts=2).claim(worker.name)
+        assert claim is not None
+        worker.work(claim)
+        return claim.id
+
+    assert refused() == first
+    with database.write() as session:
+        request_cancel(session, session.scalars(select(Job).where(Job.id == first)).one())
+    assert refused() == second
+    worker._keep_house()
+    assert set(worker._cluster_away) == {second}
 
 
 def test_what_this_machine_lacks_costs_no_attempt(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
