@@ -32,6 +32,8 @@ AWAY_S = 1.0
 """How soon a database that did not answer is asked again."""
 PAUSE_S = 5.0
 """How soon a job is begun again that this machine or the cluster could not take on."""
+CLOCK_STEP_S = 2.0
+"""By how much this machine's clock may go off from one look to the next before it counts as set, or as having slept."""
 CLUSTER_AWAY = frozenset({"cluster_missing", "cluster_lost", "workers_missing"})
 """What a job is refused for that is no fault of its own."""
 
@@ -74,6 +76,7 @@ class JobWorker:
         self._queue = JobQueue(database, lease_s=settings.job_lease_s, max_attempts=settings.job_attempts)
         self._beat_every_s = min(settings.job_lease_s / 4, 2.0)
         self._last_beat = self._last_purge = self._reaps_from = float("-inf")
+        self._clock_ahead_s = time.time() - time.monotonic()
         self._cluster_away: dict[str, _ClusterAway] = {}
 
     def run(self) -> None:
@@ -221,9 +224,21 @@ class JobWorker:
                 time.sleep(POLL_S)
 
     def _say_away(self, error: SQLAlchemyError) -> None:
-        """Tell it; those who come back must have time to renew their leases before they are taken from them."""
-        self._reaps_from = time.monotonic() + self._settings.job_lease_s
+        """Tell it, and spare the others."""
+        self._spare_others()
         log.warning("database_away", worker=self.name, error=str(getattr(error, "orig", None) or error))
+
+    def _spare_others(self) -> None:
+        """Those who come back must have time to renew their leases before they are taken from them."""
+        self._reaps_from = time.monotonic() + self._settings.job_lease_s
+
+    def _look_at_clock(self) -> None:
+        """Leases on SQLite go by this machine's clock: after it was set, or slept, all look silent that are alive."""
+        ahead_s = time.time() - time.monotonic()
+        step_s, self._clock_ahead_s = ahead_s - self._clock_ahead_s, ahead_s
+        if abs(step_s) > CLOCK_STEP_S:
+            self._spare_others()
+            log.warning("clock_stepped", worker=self.name, seconds=round(step_s, 1))
 
     def _abandon(self, claim: Claim, *, lost: bool) -> str:
         if lost:
@@ -233,6 +248,7 @@ class JobWorker:
 
     def _keep_house(self) -> None:
         """Signs of life, jobs of silent workers, old rows; each only as often as needed."""
+        self._look_at_clock()
         now = time.monotonic()
         if now - self._last_beat >= self._beat_every_s:
             self._last_beat = now

@@ -106,6 +106,17 @@ def test_a_silent_workers_job_is_given_to_another_and_its_late_result_dropped(
     assert read_job(database, job_id).result == {"distance": 2.0}
 
 
+def test_a_lease_from_before_the_clock_was_set_back_does_not_outlive_its_worker(
+    database: Database, queue: JobQueue
+) -> None:
+    job_id = add(database)
+    claimed(queue, "dead")
+    with database.write() as session:
+        session.execute(update(Job).values(lease_expires_at=utc_now() + timedelta(hours=1)))
+    assert queue.reap() == 1
+    assert claimed(queue, "next").id == job_id
+
+
 def test_a_job_that_kills_its_workers_is_given_up(database: Database, queue: JobQueue) -> None:
     job_id = add(database)
     for _ in range(2):

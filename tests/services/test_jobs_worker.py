@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -175,6 +176,28 @@ def test_a_job_outlives_a_database_that_is_away_for_longer_than_its_lease(
     assert (job.status, job.attempts) == (JobStatus.SUCCEEDED, 1)
     assert refused[-1] - refused[0] > 0.5  # longer than the lease
     assert runner.left <= 0  # it was never begun again
+
+
+@pytest.mark.parametrize("step_s", [3600.0, -3600.0])
+def test_no_job_is_taken_from_the_living_when_the_clock_is_set(
+    database: Database, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    """Nor when the machine wakes: those who live renew their leases, but not at once."""
+    add(database)
+    queue = JobQueue(database, lease_s=20, max_attempts=3)
+    claim = queue.claim("alive")
+    assert claim is not None
+    worker = JobWorker(Settings(database=str(database.url)), database, Working(0), threading.Event())
+    worker._keep_house()
+    whole = time.time
+    monkeypatch.setattr(time, "time", lambda: whole() + step_s)
+    monkeypatch.setattr("services.db.engine.utc_now", lambda: datetime.now(UTC) + timedelta(seconds=step_s))
+    worker._last_beat = float("-inf")
+    worker._keep_house()
+    assert queue.renew(claim) is True
+    worker._last_beat = worker._reaps_from = float("-inf")
+    worker._keep_house()
+    assert queue.succeed(claim, {})
 
 
 def test_a_result_that_the_database_does_not_take_fails_its_job(
