@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from services.estimates import estimate_fields
-from services.jobs.scratch import scratch_prefix
+from services.jobs.scratch import scratch_folder
 from services.jobs.task import Report
 from simcore.errors import InputError, MissingResourceError
 from trainer.shipped import META_FILE, WEIGHTS_FILE
@@ -41,10 +40,10 @@ def estimate_pictures(
     from capture.prepare import inputs_by_fabric, prepare_all
 
     estimator = _load(model)
-    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as folder:
+    with scratch_folder() as folder:
         for name, content in pictures.items():
-            (Path(folder) / name).write_bytes(content)
-        (Path(folder) / "captures.json").write_text(document, encoding="utf-8")
+            (folder / name).write_bytes(content)
+        (folder / "captures.json").write_text(document, encoding="utf-8")
         try:
             captures = CaptureSet.load(folder, read_pictures=False).captures
             (inputs,) = inputs_by_fabric(prepare_all(captures)).values()

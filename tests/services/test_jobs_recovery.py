@@ -6,7 +6,6 @@ import multiprocessing
 import os
 import signal
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from sqlalchemy import select
 from services.db.engine import Database
 from services.db.jobs import Job, JobStatus, Worker
 from services.jobs.queue import enqueue, request_cancel
+from services.jobs.scratch import PREFIX
 from services.settings import Settings
 from tests.services.job_functions import work_slowly
 from tests.services.job_rows import read_job
@@ -71,14 +71,17 @@ def alive(folder: Path) -> list[int]:
     return [pid for pid in found if psutil.pid_exists(pid) and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE]
 
 
-def test_a_job_whose_worker_is_killed_goes_to_the_next_worker(database: Database, tmp_path: Path) -> None:
+def test_a_job_whose_worker_is_killed_goes_to_the_next_worker(
+    database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     job_id = add(database, tmp_path, 3.0)
     with worker(database) as first:
         wait(database, job_id, at_work)
         assert first.pid is not None
         os.kill(first.pid, signal.SIGKILL)
         first.join()
-        (left,) = Path(tempfile.gettempdir()).glob(f"drapemeter-job-{first.pid}-*")
+        (left,) = tmp_path.glob(f"{PREFIX}*")
     with worker(database):
         job = wait(database, job_id, ended)
     assert not left.exists()
