@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -76,7 +77,7 @@ def read_depth_png(path: Path | str, depth_unit_m: float = 1e-4) -> NDArray[np.f
     """Depth picture [m], float32 [H, W], of a 16-bit grey PNG; 0 = no data.
 
     Raises:
-        InputError: no such file, not a PNG, cut off, or not one channel of 16 bits.
+        InputError: no such file, not a PNG, cut off, of two sizes, or not one channel of 16 bits.
     """
     return dequantise_depth(read_counts(path), depth_unit_m)
 
@@ -94,6 +95,7 @@ def read_counts(path: Path | str) -> NDArray[np.uint16]:
     try:
         with Image.open(io.BytesIO(content), formats=["PNG"]) as picture:
             mode = picture.mode
+            _check_size(content, picture.size, path)
             picture.load()
             counts = np.array(picture)
     except UnidentifiedImageError as error:
@@ -111,3 +113,17 @@ def read_counts(path: Path | str) -> NDArray[np.uint16]:
             code="depth_not_16_bit",
         )
     return counts.astype(np.uint16)
+
+
+def _check_size(content: bytes, size: tuple[int, int], path: Path | str) -> None:
+    """Compare the size [pixel] that would be decoded with that of a PNG's first header, by which others judge it.
+
+    Raises:
+        InputError: they differ: a later header states another.
+    """
+    if content[12:16] == b"IHDR" and (stated := struct.unpack(">II", content[16:24])) != size:
+        raise InputError(
+            f"{path} is {stated[0]} x {stated[1]} pixels by its first header, {size[0]} x {size[1]} by a later one: "
+            "save it anew",
+            code="depth_damaged",
+        )

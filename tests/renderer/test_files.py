@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import struct
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL.PngImagePlugin import PngImageFile
 
 from renderer.atomic import write_atomically
 from renderer.depth_png import dequantise_depth, quantise_depth, read_depth_png, write_depth_png
@@ -121,6 +124,22 @@ def test_damaged_and_foreign_pictures_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as error:
         read_depth_png(path)
     assert error.value.code == "depth_not_16_bit"
+
+
+def test_a_picture_of_two_sizes_is_refused_before_it_is_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first header is what a size is judged by, the last what is decoded."""
+    path = tmp_path / "d.png"
+    write_depth_png(path, np.full((8, 8), 0.9))
+    small = path.read_bytes()
+    header = b"IHDR" + struct.pack(">II", 9000, 9000) + small[24:29]
+    again = struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
+    path.write_bytes(small[:33] + again + small[33:])
+    monkeypatch.setattr(PngImageFile, "load", lambda self: pytest.fail("it was decoded"))
+    with pytest.raises(InputError, match="8 x 8 pixels by its first header, 9000 x 9000 by a later one") as caught:
+        read_depth_png(path)
+    assert caught.value.code == "depth_damaged"
 
 
 def test_reads_a_real_capture(shared_dir: Path) -> None:
