@@ -25,6 +25,7 @@ END_RECORD_64, END_BYTES_64, END_LOCATOR_64 = b"PK\6\6", 56, b"PK\6\7"
 MOST_JSON_BYTES = 8 * 1024 * 1024
 SUFFIXES = frozenset({".json", ".png"})
 MOST_NAME_BYTES = 200
+MOST_PATH_BYTES, MOST_PARTS = 1000, 50
 DRIVE = re.compile(r"[A-Za-z]:")
 BLOCK = 256 * 1024
 DAMAGE = (
@@ -196,6 +197,11 @@ def _refuse_unsafe(info: zipfile.ZipInfo) -> None:
         raise InputError("the archive holds a link or a path that leads out of it", code="archive_unsafe")
     if any(len(part.encode("utf-8", "replace")) > MOST_NAME_BYTES for part in path.parts):
         raise InputError(f"a name in the archive is longer than {MOST_NAME_BYTES} bytes", code="archive_unsafe")
+    if len(info.filename.encode("utf-8", "replace")) > MOST_PATH_BYTES or len(path.parts) > MOST_PARTS:
+        raise InputError(
+            f"a path in the archive is longer than {MOST_PATH_BYTES} bytes or {MOST_PARTS} names: shorten it",
+            code="archive_unsafe",
+        )
     if info.flag_bits & 0x1:
         raise InputError("the archive is encrypted: send it without a password", code="archive_encrypted")
 

@@ -157,6 +157,8 @@ def test_damage_is_an_input_error_or_harmless(cut: int, flip: int, value: int) -
     [
         [("captures.json", b"{}"), ("a.png", b"a"), ("a.png/b.png", b"b")],
         [("captures.json", b"{}"), ("\u00e4" * 120 + ".png", b"a")],
+        [("captures.json", b"{}"), ("a/" * 1500 + "b.png", b"a")],
+        [("captures.json", b"{}"), (("a" * 150 + "/") * 31 + "b.png", b"a")],
     ],
 )
 def test_names_that_no_folder_can_hold_are_refused_before_a_job_is_made(entries: Entries) -> None:
