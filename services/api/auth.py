@@ -117,7 +117,7 @@ def refuse_browsers(request: Request) -> None:
     """
     host, origin = request.headers.get("host", ""), request.headers.get("origin")
     passed_on = not PASSED_ON.isdisjoint(request.headers)
-    if _is_loopback(host) and (origin is None or urlsplit(origin).netloc == host) and not passed_on:
+    if _is_loopback(host) and _is_of(host, origin) and not passed_on:
         return
     detail = (
         "without API keys the server answers programs on this machine only: address it as http://127.0.0.1, or make a "
@@ -132,6 +132,14 @@ def _is_loopback(host: str) -> bool:
     try:
         return name == "localhost" or ipaddress.ip_address(name).is_loopback
     except ValueError:
+        return False
+
+
+def _is_of(host: str, origin: str | None) -> bool:
+    """Whether an Origin header, if there is one, names the same host as a Host header."""
+    try:
+        return origin is None or urlsplit(origin).netloc == host
+    except ValueError:  # no URL
         return False
 
 

@@ -275,6 +275,7 @@ def test_an_open_server_answers_this_machine_alone() -> None:
             {"x_forwarded_for": "203.0.113.9"},
             {"via": "1.1 p"},
             {"origin": "https://elsewhere.example"},
+            {"origin": "http://["},
         ):
             with pytest.raises(ProblemError) as refused:
                 refuse_browsers(asked(host, **passed_on))
