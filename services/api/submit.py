@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fastapi.responses import JSONResponse
@@ -27,8 +27,18 @@ def submit_job(
     inputs: dict[str, Any],
     *,
     files: Sequence[FileContent] = (),
+    own: Mapping[str, Any] | None = None,
 ) -> JSONResponse:
     """Queue a job once under its Idempotency-Key.
+
+    Args:
+        state: of the application.
+        caller: who asks.
+        key: the header, if it was sent.
+        kind: of the job.
+        inputs: what is asked.
+        files: what was sent with it.
+        own: further inputs, of the server: with others the same request is still the same.
 
     Raises:
         ProblemError: 422 when the key was used for another request, 429 when too many jobs wait.
@@ -41,7 +51,7 @@ def submit_job(
         if waiting >= state.settings.job_queue:
             detail = f"{waiting} jobs are waiting already: try again when some have ended"
             raise ProblemError(429, "jobs_saturated", detail, {"Retry-After": "60"})
-        job = enqueue(session, kind, inputs, files=files, owner=caller.key_id)
+        job = enqueue(session, kind, {**inputs, **(own or {})}, files=files, owner=caller.key_id)
         return Answer(202, view_job(session, job).model_dump(mode="json"), job_headers(job))
 
     return once.answer(make)

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
 import json
 import struct
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx
 import pytest
+from fastapi import UploadFile
+from fastapi.responses import JSONResponse
 from jsonschema import validate
+from sqlalchemy import select
 
 from capture.capture_set import CaptureSet
+from services.api.auth import EVERYBODY
+from services.api.problems import ProblemError
 from services.api.routes import diagnoses
+from services.db.engine import Database
+from services.db.jobs import Job
 from services.jobs.archive import ArchiveLimits, unpack
 from services.jobs.kinds.diagnosis import DiagnosisInputs, picture_names
 from services.settings import Settings
@@ -108,6 +117,34 @@ def test_cells_that_do_not_divide_half_a_metre_are_the_diagnosiss_own_business()
     assert DiagnosisInputs(resolution_m=0.03, most_bytes=1000).options().resolution_m == 0.03
     assert DiagnosisInputs(lpips=True, most_bytes=1000).options().lpips
     assert not DiagnosisInputs(most_bytes=1000).options().lpips
+
+
+def test_the_same_request_is_the_same_under_another_limit_of_the_server(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(diagnoses, "_check", lambda content, settings: None)
+
+    def ask(most_bytes: int, resolution_m: float = 0.01) -> JSONResponse:
+        state = SimpleNamespace(database=database, settings=Settings(max_unpacked_bytes=most_bytes))
+        archive = UploadFile(io.BytesIO(b"a ZIP"))
+        asked = diagnoses.create_diagnosis(
+            state,  # type: ignore[arg-type]  # all that is looked at
+            EVERYBODY,
+            None,
+            archive,
+            resolution_m=resolution_m,
+            idempotency_key="key",
+        )
+        return asyncio.run(asked)
+
+    first, again = ask(10_000), ask(20_000)
+    assert again.body == first.body and again.headers["idempotent-replayed"] == "true"
+    with database.read() as session:
+        (job,) = session.scalars(select(Job))
+    assert job.inputs["most_bytes"] == 10_000 and job.inputs["resolution_m"] == 0.01
+    with pytest.raises(ProblemError) as caught:
+        ask(10_000, resolution_m=0.02)
+    assert caught.value.code == "idempotency_key_reused"
 
 
 def test_a_huge_picture_in_a_small_archive_is_refused_at_once(client: httpx.Client, shared_dir: Path) -> None:
