@@ -12,6 +12,7 @@ from simcore.errors import MissingResourceError
 if TYPE_CHECKING:
     from alembic.config import Config
     from alembic.script import ScriptDirectory
+    from sqlalchemy import Connection
 
     from services.db.engine import Database
 
@@ -23,7 +24,7 @@ def upgrade(database: Database) -> None:
     """Run the missing migrations; several processes may call this at once.
 
     Raises:
-        MissingResourceError: the database cannot be reached.
+        MissingResourceError: the database cannot be reached, or its tables are of a later version.
     """
     from alembic import command
     from sqlalchemy import text
@@ -35,29 +36,26 @@ def upgrade(database: Database) -> None:
     with database.engine.execution_options(write=True).begin() as connection:
         if not database.is_sqlite:
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
+        if _heads(connection) - _known(config):
+            raise _of_later_version(database)
         config.attributes["connection"] = connection
         command.upgrade(config, "head")
 
 
 def is_current(database: Database) -> bool:
     """Whether the tables are those of this version of the software."""
-    from alembic.migration import MigrationContext
-
     with database.engine.connect() as connection:
-        heads = MigrationContext.configure(connection).get_current_heads()
-    return set(heads) == set(_scripts(_config()).get_heads())
+        return _heads(connection) == set(_scripts(_config()).get_heads())
 
 
 def is_usable(database: Database) -> bool:
-    """Whether this version of the software can serve from the tables: they are its own, or of a later version, whose
-    migrations leave the version before it working while it is replaced.
+    """Whether this version of the software can go on serving from the tables: they are its own, or of a later version,
+    whose migrations leave the version before it working while it is replaced.
     """
-    from alembic.migration import MigrationContext
-
     with database.engine.connect() as connection:
-        heads = MigrationContext.configure(connection).get_current_heads()
-    known = {script.revision for script in _scripts(_config()).walk_revisions()}
-    return bool(heads) and (set(heads) == set(_scripts(_config()).get_heads()) or not set(heads) & known)
+        heads = _heads(connection)
+    own = heads == set(_scripts(_config()).get_heads())
+    return bool(heads) and (own or not heads & _known(_config()))
 
 
 def require_current(database: Database) -> None:
@@ -67,11 +65,34 @@ def require_current(database: Database) -> None:
         MissingResourceError: the database cannot be reached, or its tables are of another version.
     """
     database.ping()
+    with database.engine.connect() as connection:
+        later = _heads(connection) - _known(_config())
+    if later:
+        raise _of_later_version(database)
     if not is_current(database):
         raise MissingResourceError(
             f"the tables of {database.public_url} are of another version: run 'drapemeter serve --migrate' first",
             code="database_not_migrated",
         )
+
+
+def _of_later_version(database: Database) -> MissingResourceError:
+    return MissingResourceError(
+        f"the tables of {database.public_url} are of a later version: start that version, or name another database",
+        code="database_later_version",
+    )
+
+
+def _heads(connection: Connection) -> set[str]:
+    """Where the tables are; nothing where there are none."""
+    from alembic.migration import MigrationContext
+
+    return set(MigrationContext.configure(connection).get_current_heads())
+
+
+def _known(config: Config) -> set[str]:
+    """The migrations of this version of the software."""
+    return {script.revision for script in _scripts(config).walk_revisions()}
 
 
 def _make_private(file: Path) -> None:

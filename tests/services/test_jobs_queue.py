@@ -20,7 +20,7 @@ from services.db.base import utc_now
 from services.db.engine import Database
 from services.db.idempotency import IdempotencyRecord
 from services.db.jobs import Job, JobFile, JobStatus
-from services.db.migrate import is_current, is_usable, require_current
+from services.db.migrate import is_current, is_usable, require_current, upgrade
 from services.jobs.files import FileContent
 from services.jobs.maintenance import purge
 from services.jobs.queue import Claim, JobQueue, enqueue, request_cancel
@@ -245,15 +245,19 @@ def test_an_answer_is_remembered_for_its_time_and_no_longer(database: Database) 
     assert [given(once.answer(answer)) for _ in range(2)] == [1, 1]
 
 
-def test_tables_of_a_later_version_can_be_served_from(database: Database) -> None:
+def test_tables_of_a_later_version_are_served_from_and_not_started_with(database: Database) -> None:
     assert is_usable(database) and is_current(database)
     require_current(database)
     with database.engine.execution_options(write=True).begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = 'of_next_year'"))
     assert is_usable(database) and not is_current(database)
-    with pytest.raises(MissingResourceError, match=r"test\.db are of another version: run .*serve --migrate") as caught:
-        require_current(database)
-    assert caught.value.code == "database_not_migrated"
+    for begin in (require_current, upgrade):
+        with pytest.raises(MissingResourceError, match=r"test\.db are of a later version: start that") as caught:
+            begin(database)
+        assert caught.value.code == "database_later_version"
     with database.engine.execution_options(write=True).begin() as connection:
         connection.execute(text("DELETE FROM alembic_version"))
     assert not is_usable(database)
+    with pytest.raises(MissingResourceError, match=r"test\.db are of another version: run .*serve --migrate") as caught:
+        require_current(database)
+    assert caught.value.code == "database_not_migrated"
