@@ -1,4 +1,6 @@
-"""A sweep is not gone on with by another solver, nor with other fabrics, than the one that began it."""
+"""A sweep is not gone on with by another solver, nor with other fabrics, than the one that began it; a job begins
+anew then.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,7 @@ import pytest
 
 from services import version
 from services.dataset.sweep import prepare_store, shards_left
+from services.jobs.kinds.dataset import store_of
 from simcore.errors import InputError
 from tests.services.dataset_helpers import small_sweep
 
@@ -36,6 +39,22 @@ def test_a_sweep_of_another_version_is_not_resumed(
     ) as told:
         shards_left(url, configuration, resume=True)
     assert told.value.code == "store_version"
+
+
+def test_a_job_that_another_version_began_goes_into_a_store_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    configuration, _ = small_sweep()
+    places = []
+    for _ in range(2):
+        place = store_of(f"{tmp_path}/", "job_1", configuration)
+        prepare_store(place, configuration, resume=False)
+        assert store_of(str(tmp_path), "job_1", configuration) == place  # the next attempt goes on with it
+        places.append(Path(place).name)
+        monkeypatch.setattr(version, "SOLVER_VERSION", version.SOLVER_VERSION + 1)
+    assert places == ["job_1.zarr", "job_1-2.zarr"]
+    other, _ = small_sweep(materials=11)
+    assert Path(store_of(str(tmp_path), "job_1", other)).name == "job_1-3.zarr"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -10,12 +11,16 @@ from pydantic import ConfigDict, Field
 from services.jobs.task import Report, Task, TaskOutput
 from services.patterns import PRINTABLE
 from services.schemas import Strict
+from simcore.errors import DrapemeterError
 
 if TYPE_CHECKING:
     from services.dataset.configuration import SweepConfiguration
     from services.dataset.cost import CostEstimate
     from services.dataset.fabrics import FabricTable
     from services.dataset.worker import SimulationDone
+
+OF_ANOTHER_VERSION = frozenset({"store_version", "store_configuration", "store_schema"})
+"""Why a store is not gone on with: what a job asks for is the same at each attempt, so the software was changed."""
 
 
 class SimulatorEffect(Strict):
@@ -117,7 +122,7 @@ class _SweepProgress:
 
 
 def run(task: Task, report: Report) -> TaskOutput:
-    """Sweep, or go on with what an earlier attempt of this job left.
+    """Sweep, or go on with what an earlier attempt of this job left; what another version left is begun anew.
 
     Raises:
         DrapemeterError: the store's place fails.
@@ -125,7 +130,7 @@ def run(task: Task, report: Report) -> TaskOutput:
     from services.dataset.sweep import run_sweep
 
     configuration, fabrics = DatasetInputs.model_validate(task.inputs).plan()
-    store = f"{task.resources.dataset_root.rstrip('/')}/{task.job_id}.zarr"
+    store = store_of(task.resources.dataset_root, task.job_id, configuration)
     progress = _SweepProgress(report, configuration.layout.simulations)
     summary = run_sweep(
         store,
@@ -140,3 +145,26 @@ def run(task: Task, report: Report) -> TaskOutput:
     return TaskOutput(
         {"store": place, "samples": summary.samples, "failed": summary.failed, "seconds": summary.seconds}
     )
+
+
+def store_of(root: str, job_id: str, configuration: SweepConfiguration) -> str:
+    """Where a job's store goes, or lies already; beside one that cannot be gone on with, as another version began it.
+
+    Raises:
+        DrapemeterError: the place fails.
+    """
+    begun = f"{root.rstrip('/')}/{job_id}"
+    places = (f"{begun}-{number}.zarr" for number in itertools.count(2))
+    return next(store for store in itertools.chain([f"{begun}.zarr"], places) if _can_go_on(store, configuration))
+
+
+def _can_go_on(store: str, configuration: SweepConfiguration) -> bool:
+    from services.dataset.sweep import shards_left
+
+    try:
+        shards_left(store, configuration, resume=True)
+    except DrapemeterError as error:
+        if error.code in OF_ANOTHER_VERSION:
+            return False
+        raise
+    return True
