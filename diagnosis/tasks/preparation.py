@@ -137,7 +137,8 @@ def _compared(ready: PreparedCapture, scene: SimulationScene) -> NDArray[np.floa
             depth = without_surroundings(ready.depth, ready.region.mask, scene)
         except InputError as error:
             raise InputError(f"capture {ready.capture.id}: {error}", code=error.code) from None
-    check_kept(ready.capture.id, ready.depth, depth, scene)
+    stated = ready.capture.camera_from_panel is not None
+    check_kept(ready.capture.id, ready.depth, depth, scene, pose_stated=stated)
     return depth
 
 
