@@ -9,8 +9,9 @@ import numpy as np
 from capture.capture_set import Capture, CaptureSet
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
-from diagnosis.tasks.meshing import cell_size, on_cells
-from diagnosis.tasks.preparation import in_order, prepare_tasks, sensor_known, sensor_model, stated_parameters
+from diagnosis.tasks.meshing import cell_size
+from diagnosis.tasks.preparation import prepare_tasks, sensor_known, sensor_model, stated_parameters
+from diagnosis.tasks.put_up import as_simulated, in_order
 from simcore.errors import InputError
 
 NAMED = 3
@@ -78,7 +79,7 @@ def _capture_task(capture: Capture, cell_m: float) -> CaptureTask:
     assert capture.camera_from_panel is not None
     camera = capture.camera
     scene = SimulationScene(
-        on_cells(capture.setup, cell_m),
+        as_simulated(capture.id, capture.setup, cell_m),
         camera=camera,
         pose=pose_rows(capture.camera_from_panel),
         sensor=sensor_model(capture.sensor, camera.depth_unit_m, float(capture.camera_from_panel[2, 3])),

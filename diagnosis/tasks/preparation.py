@@ -19,7 +19,8 @@ from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M
 from diagnosis.tasks.enough import check_kept
 from diagnosis.tasks.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
-from diagnosis.tasks.meshing import cell_size, on_cells
+from diagnosis.tasks.meshing import cell_size
+from diagnosis.tasks.put_up import as_simulated, check_set_ups, in_order
 from renderer.depth import panel_depth
 from renderer.sensor import SensorModel
 from simcore.errors import InputError
@@ -53,6 +54,7 @@ def prepare_tasks(
     """
     if not captures.captures:
         raise InputError(f"{captures.folder}: the set lists no captures", code="no_captures")
+    check_set_ups(captures, resolution_m)
     prepared = {p.capture.id: p for p in prepare_all(captures.captures)}
     assumed = list(not_stated(captures))
     tasks = []
@@ -68,7 +70,7 @@ def prepare_tasks(
             ready = prepared[capture.id]
             pose = ready.registration.camera_from_panel
             scene = SimulationScene(
-                on_cells(capture.setup, cell),
+                as_simulated(capture.id, capture.setup, cell),
                 camera=capture.camera,
                 pose=pose_rows(pose),
                 sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3])),
@@ -119,13 +121,6 @@ def pose_error(ready: PreparedCapture, prepared: Iterable[PreparedCapture]) -> f
     pose = ready.registration.camera_from_panel
     shared = [p for p in prepared if np.array_equal(p.registration.camera_from_panel, pose)]
     return BY_CORNERS_M if any(p.capture.scene is Scene.HANGING for p in shared) else BY_OUTLINE_M
-
-
-def in_order(own: Iterable[Capture]) -> list[Capture]:
-    """A fabric's captures: which cells they are simulated on, and which fold states one of them finds, depends on
-    those before it, so that no file decides their order.
-    """
-    return sorted(own, key=lambda c: (c.scene.value, c.repeat, c.id))
 
 
 def _compared(ready: PreparedCapture, scene: SimulationScene) -> NDArray[np.float32]:
