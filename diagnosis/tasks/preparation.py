@@ -14,6 +14,7 @@ from scipy import ndimage
 from capture.capture_set import Capture, CaptureSet
 from capture.documents import FabricDocument, SensorDocument, SetupDocument
 from capture.prepare import PreparedCapture, inputs_by_fabric, prepare_all
+from capture.report import MAX_PIN_ERROR_M, at_border, pins_far
 from capture.setup import passed_over
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M
@@ -82,6 +83,7 @@ def prepare_tasks(
         tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
     found = max(c.pose_error_m for task in tasks for c in task.captures)
     if found > 0.0:
+    assumed += doubts(prepared.values())
         assumed.append(
             f"the camera's pose was found in the pictures, to about {1e3 * found:.0f} mm along the panel: state "
             "camera_from_panel to have errors of the pose and axial sensor errors told, and small gaps seen"
@@ -114,13 +116,26 @@ def once_each(
 def pose_error(ready: PreparedCapture, prepared: Iterable[PreparedCapture]) -> float:
     """What a capture's pose may be off by along the panel [m], see :mod:`diagnosis.simulation.pose_error`.
 
-    It is as good as corners show it where a hanging picture gave the same pose.
+    It is as good as corners show it where a hanging picture gave the same pose, and no better than the pins were found
+    where most of the pictures that gave it show them elsewhere than the set-up has them.
     """
     if ready.capture.camera_from_panel is not None:
         return 0.0
     pose = ready.registration.camera_from_panel
     shared = [p for p in prepared if np.array_equal(p.registration.camera_from_panel, pose)]
-    return BY_CORNERS_M if any(p.capture.scene is Scene.HANGING for p in shared) else BY_OUTLINE_M
+    usual = BY_CORNERS_M if any(p.capture.scene is Scene.HANGING for p in shared) else BY_OUTLINE_M
+    pins = [p.registration.pin_error_m for p in shared if p.registration.pin_error_m is not None]
+    off = float(np.median(pins)) if pins else 0.0
+    return max(usual, off) if off > MAX_PIN_ERROR_M else usual
+
+
+def doubts(prepared: Iterable[PreparedCapture]) -> list[str]:
+    """In words, what speaks against pictures and the poses found in them, each with the captures that it holds of."""
+    found: dict[str, list[str]] = {}
+    for ready in prepared:
+        for doubt in (*at_border(ready.region), *pins_far(ready.registration), *ready.registration.unusual):
+            found.setdefault(doubt, []).append(ready.capture.id)
+    return [f"capture {', '.join(names)}: {doubt}" for doubt, names in found.items()]
 
 
 def _compared(ready: PreparedCapture, scene: SimulationScene) -> NDArray[np.float32]:
