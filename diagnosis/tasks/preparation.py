@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from capture.capture_set import Capture, CaptureSet
-from capture.documents import FabricDocument, SensorDocument, SetupDocument
+from capture.documents import FabricDocument, SensorDocument
 from capture.prepare import PreparedCapture, inputs_by_fabric, prepare_all
 from capture.report import MAX_PIN_ERROR_M, at_border, pins_far
 from capture.setup import passed_over
@@ -22,6 +22,7 @@ from diagnosis.tasks.enough import check_kept
 from diagnosis.tasks.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
 from diagnosis.tasks.meshing import cell_size
 from diagnosis.tasks.put_up import as_simulated, check_set_ups, in_order
+from diagnosis.tasks.sensors import sensors_passed_over
 from renderer.depth import panel_depth
 from renderer.sensor import SensorModel
 from simcore.errors import InputError
@@ -79,17 +80,15 @@ def prepare_tasks(
             depth = _compared(ready, scene)
             off = pose_error(ready, prepared.values())
             items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), off))
-        assumed += _recut(fabric_id, own, items)
+        assumed += recut(fabric_id, own, items)
         tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
     found = max(c.pose_error_m for task in tasks for c in task.captures)
-    if found > 0.0:
     assumed += doubts(prepared.values())
+    if found > 0.0:
         assumed.append(
             f"the camera's pose was found in the pictures, to about {1e3 * found:.0f} mm along the panel: state "
             "camera_from_panel to have errors of the pose and axial sensor errors told, and small gaps seen"
         )
-    if not all(sensor_known(c) for c in captures.captures):
-        assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
     return tasks, assumed
 
 
@@ -170,7 +169,7 @@ def without_surroundings(
 
 
 def not_stated(captures: CaptureSet) -> Iterator[str]:
-    """In words, what a set leaves open, so that usual values are taken: uncertainties, parts of the set-up."""
+    """In words, what a set leaves open, so that usual values are taken: uncertainties, parts of the set-up, sensors."""
     fabrics = [captures.fabrics[name] for name in dict.fromkeys(c.fabric.id for c in captures.captures)]
     vague = [f.id for f in fabrics if f.parameters is not None and f.parameters_cv is None]
     if vague:
@@ -182,8 +181,7 @@ def not_stated(captures: CaptureSet) -> Iterator[str]:
     pins = sorted({c.scene.value for c in captures.captures if c.pins_from == "nominal"})
     if pins:
         yield f"pins_m is not stated ({', '.join(pins)}): pins are taken where they are nominally"
-    common = captures.document.setup or SetupDocument()
-    setups = [common.overridden_by(capture.document.setup) for capture in captures.captures]
+    setups = [captures.stated_setup(capture.document) for capture in captures.captures]
     over = {(c.scene.value, n) for c, s in zip(captures.captures, setups, strict=True) for n in passed_over(c.scene, s)}
     for scene, name in sorted(over):
         yield f"pin {name} is stated for {scene}, which has none of that name: the sample is taken as not held there"
@@ -204,6 +202,9 @@ def not_stated(captures: CaptureSet) -> Iterator[str]:
         yield "at_m of the sensor is not stated: its noise is taken as that at the panel's distance"
     if any(sensor.quantisation_m is None for sensor in sensors):
         yield "quantisation_m of the sensor is not stated: depths are taken as rounded to depth_unit_m alone"
+    if not all(sensor_known(c) for c in captures.captures):
+        yield "the sensor's noise is not stated: sensor effects on pixels cannot be judged"
+    yield from sensors_passed_over(captures)
 
 
 def sensor_model(document: SensorDocument | None, depth_unit_m: float, panel_m: float) -> SensorModel:
@@ -223,7 +224,7 @@ def sensor_model(document: SensorDocument | None, depth_unit_m: float, panel_m: 
     )
 
 
-def _recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureTask]) -> list[str]:
+def recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureTask]) -> list[str]:
     """In words, samples that are simulated in another size, as whole cells want it."""
     changed = {
         (*capture.setup.sample_size_m, *task.scene.setup.sample_size_m): None
