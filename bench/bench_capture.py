@@ -95,15 +95,17 @@ def measure(cases: list[Case]) -> list[dict[str, object]]:
     triangles = GridMesh(0.02).triangles
     rows: list[dict[str, object]] = []
     for name, sensor in SENSORS.items():
-        pictures, alone, seconds = [], [], []
+        pictures, alone, planes, seconds = [], [], [], []
         for number, case in enumerate(cases):
             ideal = render_depth(case.vertices, triangles, CAMERA, true)
             depth = sensor.apply(ideal, np.random.default_rng(number), camera=CAMERA)
             start = time.process_time()
-            alone.append(register(depth, CAMERA, case.setup, segment_cloth(depth, CAMERA, case.setup)))
+            region = segment_cloth(depth, CAMERA, case.setup)
+            alone.append(register(depth, CAMERA, case.setup, region))
+            planes.append(region.plane)
             seconds.append(time.process_time() - start)
             pictures.append(depth)
-        shared = share_pose([case.setup.scene for case in cases], [lambda r=r: r for r in alone])
+        shared = share_pose([case.setup.scene for case in cases], [lambda r=r: r for r in alone], planes)
         found: dict[str, list[Registration] | None] = {"given": None, "alone": alone, "together": shared}
         for way, registrations in found.items():
             errors: dict[Scene, list[tuple[float, float, float]]] = defaultdict(list)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from capture.plane import Plane
 from capture.register import Registration
 from simcore.errors import InputError
 from simcore.scenes import Scene
@@ -17,6 +18,10 @@ MAX_SPREAD_M = 0.015
 
 MAX_SPREAD_RAD = float(np.radians(2.0))
 """Poses turned against each other by more than this are not of one fixed camera."""
+
+ELSEWHERE = "the camera stood elsewhere than for the captures that gave the others' pose: so its picture says"
+AT_ODDS = "the pictures do not give one pose of one camera: each keeps its own"
+NO_POSE = "its own picture gives no pose: it has that of the others"
 
 
 def common_pose(poses: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | None:
@@ -45,44 +50,64 @@ def common_pose(poses: Sequence[NDArray[np.float64]]) -> NDArray[np.float64] | N
     return pose
 
 
-def share_pose(scenes: Sequence[Scene], alone: Sequence[Callable[[], Registration]]) -> list[Registration]:
+def share_pose(
+    scenes: Sequence[Scene], alone: Sequence[Callable[[], Registration]], planes: Sequence[Plane | None]
+) -> list[Registration]:
     """Register the captures of one camera, which stood still unless they say otherwise.
 
     ``hanging`` pictures show the pinned corners clearly, ``stretch`` pictures do not: where there are both, the pose
-    comes from the hanging ones. Where the estimates do not agree, each capture keeps its own; where most do, one that
-    is far from them keeps its own if its own fits its pins: the camera stood elsewhere for it.
+    comes from the hanging ones. Where the estimates do not agree, each capture keeps its own; where most do, one keeps
+    its own that is far from them and fits its pins, or whose panel is not where their pose has it: the camera stood
+    elsewhere for it.
 
     Args:
         scenes: of the captures.
         alone: for each capture, what registers it by itself; called only where it is needed.
+        planes: for each capture, the panel as its picture shows it; None where none is seen.
 
     Raises:
-        InputError: a capture cannot be registered and there is no common pose.
+        InputError: a capture cannot be registered and there is no common pose, or it is not of that one.
     """
     hanging = [i for i, scene in enumerate(scenes) if scene is Scene.HANGING]
     votes: dict[int, Registration] = {}
-    failures: list[InputError] = []
+    failures: dict[int, InputError] = {}
     for i in hanging or range(len(scenes)):
         try:
             votes[i] = alone[i]()
         except InputError as error:
-            failures.append(error)
+            failures[i] = error
     pose = common_pose([vote.camera_from_panel for vote in votes.values()]) if len(scenes) > 1 and votes else None
     if pose is None:
         if failures:
-            raise failures[0]
-        return [votes.get(i) or alone[i]() for i in range(len(scenes))]
+            raise next(iter(failures.values()))
+        own = [votes.get(i) or alone[i]() for i in range(len(scenes))]
+        return own if len(own) < 2 else [_noted(one, AT_ODDS) for one in own]
     apart = {i for i, vote in votes.items() if not _near(vote.camera_from_panel, pose) and _fits(vote)}
+    apart |= {i for i, plane in enumerate(planes) if plane is not None and not _on_panel(plane, pose)}
     agreeing = sum(_near(vote.camera_from_panel, pose) for vote in votes.values())
     still = f"the camera stood still over {len(scenes) - len(apart)} captures; {agreeing} gave its pose"
-    elsewhere = f"the camera stood elsewhere than for most of the set's {len(scenes)} captures: so its picture says"
-    example = replace(next(iter(votes.values())), pin_error_m=None)
+    example = replace(next(iter(votes.values())), pin_error_m=None, unusual=())
     shared = []
     for i in range(len(scenes)):
-        own = votes.get(i, example)
-        place, note = (own.camera_from_panel, elsewhere) if i in apart else (pose, still)
-        shared.append(replace(own, camera_from_panel=place, assumed=(*own.assumed, note)))
+        if i in apart:
+            if i in failures:
+                raise failures[i]
+            shared.append(_noted(votes.get(i) or alone[i](), ELSEWHERE))
+            continue
+        one = votes.get(i, example)
+        one = replace(one, camera_from_panel=pose, assumed=(*one.assumed, still))
+        shared.append(_noted(one, NO_POSE) if i in failures else one)
     return shared
+
+
+def _noted(one: Registration, note: str) -> Registration:
+    return replace(one, unusual=(*one.unusual, note))
+
+
+def _on_panel(plane: Plane, pose: NDArray[np.float64]) -> bool:
+    """Whether a panel as a picture shows it may be the one that a pose [4, 4] has before the camera."""
+    turned = np.arccos(np.clip(plane.normal @ pose[:3, 2], -1.0, 1.0))
+    return bool(abs(plane.height(pose[:3, 3])) < MAX_SPREAD_M and turned < MAX_SPREAD_RAD)
 
 
 def _near(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:

@@ -149,9 +149,12 @@ class CaptureSet:
         write_captures_json(self.document, target)
         return target / CAPTURES_FILE
 
+    def stated_setup(self, entry: CaptureDocument) -> SetupDocument:
+        """What the set and this capture state of its set-up; the capture's own word counts."""
+        return (self.document.setup or SetupDocument()).overridden_by(entry.setup)
+
     def _resolve(self, entry: CaptureDocument) -> Capture:
-        base = self.document.setup or SetupDocument()
-        setup = base.overridden_by(entry.setup)
+        setup = self.stated_setup(entry)
         scene = Scene(entry.scene)
         where = f"{self.folder / CAPTURES_FILE}: capture {entry.id!r}"
         pose = setup.camera_from_panel

@@ -23,18 +23,26 @@ def read_depth(path: Path, camera: Camera) -> Depth:
             :mod:`renderer.depth_png`), ``depth_wrong_size`` (not as large as the camera says) or ``depth_empty``.
     """
     counts = read_counts(path)
-    height, width = counts.shape
-    if (width, height) != (camera.width, camera.height):
-        raise InputError(
-            f"{path} is {width} x {height} pixels, its camera says {camera.width} x {camera.height}: "
-            "correct the camera's width and height (and its fx, fy, cx, cy with them)",
-            code="depth_wrong_size",
-        )
+    check_size(str(path), counts.shape[1], counts.shape[0], camera)
     if not counts.any():
         raise InputError(
             f"{path}: the depth picture is empty (every pixel is 0, no data): take it again", code="depth_empty"
         )
     return dequantise_depth(counts, camera.depth_unit_m)
+
+
+def check_size(name: str, width: int, height: int, camera: Camera) -> None:
+    """Refuse a picture that is not as large as its camera says.
+
+    Raises:
+        InputError: ``depth_wrong_size``, with the picture's ``name``.
+    """
+    if (width, height) != (camera.width, camera.height):
+        raise InputError(
+            f"{name} is {width} x {height} pixels, its camera says {camera.width} x {camera.height}: "
+            "correct the camera's width and height (and its fx, fy, cx, cy with them)",
+            code="depth_wrong_size",
+        )
 
 
 def pixel_footprint_m(depth: Depth, camera: Camera) -> float:

@@ -61,7 +61,7 @@ def prepare_all(captures: Sequence[Capture]) -> Iterator[PreparedCapture]:
 
     for group in _same_camera(captures):
         alone = [partial(_register, captures[i], regions[i]) for i in group]
-        shared = share_pose([captures[i].scene for i in group], alone)
+        shared = share_pose([captures[i].scene for i in group], alone, [regions[i].plane for i in group])
         registrations |= dict(zip(group, shared, strict=True))
     for index in range(len(captures)):
         if index not in registrations:

@@ -54,12 +54,14 @@ class Registration:
         pin_error_m: root mean square distance between the corners as seen and the pins of the set-up; None where the
             pose did not come from this picture's corners.
         assumed: what was taken for granted, in words.
+        unusual: what of it is out of the ordinary, in words.
     """
 
     camera_from_panel: NDArray[np.float64]
     method: str
     pin_error_m: float | None
     assumed: tuple[str, ...]
+    unusual: tuple[str, ...] = ()
 
 
 def given_registration(camera_from_panel: NDArray[np.float64]) -> Registration:
@@ -105,7 +107,7 @@ def _turned(upright: Registration, others: list[Registration]) -> Registration:
     best = min(others, key=_pin_error)
     if _pin_error(best) > TURNED_SHARE * _pin_error(upright):
         return upright
-    return replace(best, assumed=(*best.assumed, "the camera is on its side or upside down: so its picture fits"))
+    return replace(best, unusual=(*best.unusual, "the camera is on its side or upside down: so its picture fits"))
 
 
 def _pin_error(found: Registration) -> float:
@@ -143,14 +145,14 @@ def _register(
             "the three outermost corners of the cloth are the pinned ones",
             "the picture's top is the sample's",
         ]
-    if setup.panel and region.plane is None:
-        assumed.append("the panel is hidden: its plane passes through the pins")
     if method == "panel_and_edges":  # the corners did not count: their cloth lies too close to the panel to be seen
         return Registration(pose, method, None, tuple(assumed))
+    hidden = setup.panel and region.plane is None
+    unusual = ("the panel is hidden: its plane passes through the pins",) if hidden else ()
     inverse = invert_pose(pose)
     found = {name: inverse[:3, :3] @ corner + inverse[:3, 3] for name, corner in corners.items()}
     error = float(np.sqrt(np.mean([np.sum((found[name] - expected[name]) ** 2) for name in found])))
-    return Registration(pose, method, error, tuple(assumed))
+    return Registration(pose, method, error, tuple(assumed), unusual)
 
 
 def _first_frame(points: NDArray[np.float64], plane: Plane | None, up: NDArray[np.float64]) -> NDArray[np.float64]:

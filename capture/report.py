@@ -8,6 +8,8 @@ import numpy as np
 
 from capture.picture import pixel_footprint_m
 from capture.prepare import PreparedCapture
+from capture.register import Registration
+from capture.segment import ClothRegion
 
 MAX_NOISE_M = 0.004
 MAX_HOLES = 0.4
@@ -100,7 +102,7 @@ def report_capture(prepared: PreparedCapture) -> CaptureReport:
         camera_turned_deg=float(np.degrees(np.arccos(np.clip(-pose[2, 2], -1.0, 1.0)))),
         pin_error_m=prepared.registration.pin_error_m,
         pins_from=capture.pins_from,
-        assumed=prepared.registration.assumed,
+        assumed=(*prepared.registration.assumed, *prepared.registration.unusual),
         length_scale=prepared.network_input.length_scale,
         known_share=float(prepared.network_input.mask.mean()),
         warnings=tuple(_warnings(prepared, panel)),
@@ -136,16 +138,24 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None) -> list[str]
             f"the panel is turned by {panel.turned_deg:.1f} degrees and {1e3 * panel.offset_m:+.0f} mm off the pose: "
             "correct camera_from_panel, or set it to null to have it found"
         )
-    if registration.pin_error_m is not None and registration.pin_error_m > MAX_PIN_ERROR_M:
-        found.append(
-            f"the pinned corners are {1e3 * registration.pin_error_m:.0f} mm from the set-up's: measure pins_m again"
-        )
+    found += pins_far(registration)
     if registration.method == "panel_and_edges":
         found.append(
             "a stretched sample alone places the camera to 1-3 cm, and says nothing of one on its side: add a hanging "
             "picture or give the pose"
         )
-    border = np.concatenate([region.standing[0], region.standing[-1], region.standing[:, 0], region.standing[:, -1]])
-    if border.any():
-        found.append("the cloth reaches the picture's border: take the whole sample into view")
+    found += at_border(region)
     return found
+
+
+def pins_far(registration: Registration) -> list[str]:
+    """In words, pinned corners that are seen elsewhere than the set-up has them."""
+    if registration.pin_error_m is None or registration.pin_error_m <= MAX_PIN_ERROR_M:
+        return []
+    return [f"the pinned corners are {1e3 * registration.pin_error_m:.0f} mm from the set-up's: measure pins_m again"]
+
+
+def at_border(region: ClothRegion) -> list[str]:
+    """In words, a sample that leaves the picture."""
+    border = np.concatenate([region.standing[0], region.standing[-1], region.standing[:, 0], region.standing[:, -1]])
+    return ["the cloth reaches the picture's border: take the whole sample into view"] if border.any() else []

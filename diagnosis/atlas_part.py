@@ -56,7 +56,7 @@ def atlas_parts(captures: CaptureSet, effects: tuple[str, ...], resolution_m: fl
         InputError: see :func:`diagnosis.tasks.planned.planned_tasks`.
     """
     parts = []
-    for task in planned_tasks(captures, effects, resolution_m):
+    for task in planned_tasks(captures, effects, resolution_m)[0]:
         scenes = [capture.scene for capture in task.captures]
         for scene in (s for n, s in enumerate(scenes) if s not in scenes[:n]):
             seeds = range(BASE_SEEDS[scene.setup.scene.value])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from capture.capture_set import CaptureSet
+from capture.setup import setup_from_document
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block, PixelBlock, make_block, make_pixel_block
 from diagnosis.inference.likelihood import LikelihoodModel
@@ -18,8 +19,10 @@ from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Simulator
 from diagnosis.tasks.fabric_task import CaptureTask, FabricResult, FabricTask, base_states, explain_fabric
 from diagnosis.tasks.planned import planned_tasks
+from diagnosis.tasks.put_up import as_simulated
+from simcore.errors import InputError
 from simcore.mesh import GridMesh
-from simcore.scenes import Scene, Setup
+from simcore.scenes import Scene
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,7 @@ class Isolability:
             whether one is there hangs on the number of repeats.
         by_scene: scene to (effect, other) to the nats that this scene alone gives: of every scene that was analysed,
             and of the one that the captures lack where some effect that shows cannot be told from another.
+        assumed: in words, what the set does not state.
     """
 
     pairs: tuple[Separation, ...]
@@ -42,6 +46,7 @@ class Isolability:
     own_nats: Mapping[str, float]
     left_out: tuple[str, ...] = ()
     by_scene: Mapping[str, Mapping[tuple[str, str], float]] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
 
     def confused(self) -> tuple[Separation, ...]:
         """The pairs that cannot be told apart."""
@@ -74,7 +79,10 @@ def analyse(
         InputError: captures that cannot be used, or a plan that does not state what pictures would have to tell.
         SimulationError: simulations that do not come to rest.
     """
-    tasks = planned_tasks(captures, effects, resolution_m)
+    tasks, assumed = planned_tasks(captures, effects, resolution_m)
+    taken = {c.scene.setup.scene for task in tasks for c in task.captures}
+    lacking = next((scene for scene in Scene if scene not in taken), None)
+    elsewhere = [] if lacking is None else [in_scene(captures, task, lacking) for task in tasks]
     results = []
     for task in tasks:
         results.append(_simulated(task, cache))
@@ -88,13 +96,13 @@ def analyse(
         tuple(sorted({b.scene for b in blocks})),
         own_nats(typical, blocks, pixels, model),
         tuple(name for name in effects if name not in typical),
+        assumed=tuple(assumed),
     )
-    lacking = [scene for scene in Scene if scene.value not in found.scenes]
     seen = [p for p in found.confused() if p.effect not in found.invisible()]
     by_scene = {scene: _alone(typical, results, scene) for scene in found.scenes}
-    if seen and lacking:  # would captures there tell them apart?
-        there = [_simulated(_in_scene(task, lacking[0]), cache) for task in tasks]
-        by_scene[lacking[0].value] = _alone(typical, there, lacking[0].value)
+    if seen and lacking is not None:  # would captures there tell them apart?
+        there = [_simulated(task, cache) for task in elsewhere]
+        by_scene[lacking.value] = _alone(typical, there, lacking.value)
     return replace(found, by_scene=by_scene)
 
 
@@ -111,16 +119,23 @@ def _simulated(task: FabricTask, cache: DrapeCache) -> FabricResult:
     return explain_fabric(replace(task, captures=tuple(shown)), cache)
 
 
-def _in_scene(task: FabricTask, scene: Scene) -> FabricTask:
-    """The same fabric, as often, in another scene with its nominal pins."""
-    captures = []
+def in_scene(captures: CaptureSet, task: FabricTask, scene: Scene) -> FabricTask:
+    """The same fabric, as often, in another scene with the pins that the set states for it.
+
+    Raises:
+        InputError: no sample can be put up so.
+    """
+    entries = {capture.id: capture.document for capture in captures.captures}
+    there = []
     for capture in task.captures:
-        setup = capture.scene.setup
-        other = Setup.nominal(
-            scene, sample_size_m=setup.sample_size_m, pin_radius_m=setup.pin_radius_m, panel=setup.panel
-        )
-        captures.append(replace(capture, scene=capture.scene.with_setup(other)))
-    return replace(task, captures=tuple(captures))
+        name = f"{capture.id} in {scene.value}"
+        try:
+            setup = setup_from_document(scene, captures.stated_setup(entries[capture.id]))
+        except InputError as error:
+            raise InputError(f"capture {name}: {error}", code=error.code) from None
+        whole = as_simulated(name, setup, task.resolution_m)
+        there.append(replace(capture, scene=capture.scene.with_setup(whole)))
+    return replace(task, captures=tuple(there))
 
 
 def _responses(results: Sequence[FabricResult], scene: str | None = None) -> tuple[list[Block], PixelBlock]:

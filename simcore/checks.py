@@ -59,12 +59,17 @@ def check_request(mesh: GridMesh, setup: Setup, start: Drape | None, time_limit_
         )
     if time_limit_s is not None and not time_limit_s >= 0.0:
         raise InputError(f"time limit {time_limit_s} s must be 0 or more, or None for none", code="time_limit")
-    _check_pins(setup)
+    check_pins(setup)
     if start is not None:
         _check_start(mesh, start)
 
 
-def _check_pins(setup: Setup) -> None:
+def check_pins(setup: Setup) -> None:
+    """Check that a sample can be held where a set-up's pins are.
+
+    Raises:
+        InputError: they lie behind the panel, far off, too far apart, in one place or crossed.
+    """
     for name, place in setup.pins_m.items():
         if setup.panel and place[2] < 0.0:
             raise InputError(

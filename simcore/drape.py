@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from simcore.mesh import GridMesh
 
+OUT_OF_TIME = "time limit"
+"""What the reason of a drape begins with whose time was up."""
+
 
 class DrapeStatus(StrEnum):
     """How a simulation ended."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from simcore.drape import DrapeStatus
+from simcore.drape import OUT_OF_TIME, DrapeStatus
 from simcore.mesh import GridMesh
 from simcore.newton import NewtonOptions, Rest
 from simcore.resolution import kinked_share, largest_share
@@ -23,7 +23,7 @@ def verdict(mesh: GridMesh, rest: Rest, crossings: int, late: bool) -> tuple[Dra
     """
     if not np.isfinite(rest.x).all() or not math.isfinite(rest.residual):
         return DrapeStatus.DIVERGED, "positions are not finite"
-    said = "time limit; " if late else ""
+    said = f"{OUT_OF_TIME}; " if late else ""
     if not rest.converged:
         return DrapeStatus.NOT_STILL, f"{said}{_unrest(rest, late)} after {rest.iterations} steps"
     if crossings:

@@ -19,14 +19,22 @@ MOST_PARTS = CELLS * CELLS * 9 // 10
 """From here on nothing is said of those that are missing."""
 
 
-def check_kept(capture_id: str, depth: NDArray[np.float32], kept: NDArray[np.float32], scene: SimulationScene) -> None:
-    """Refuse a picture of which nearly nothing lies where cloth and panel are stated to be, before simulating.
+def check_kept(
+    capture_id: str,
+    depth: NDArray[np.float32],
+    kept: NDArray[np.float32],
+    scene: SimulationScene,
+    *,
+    pose_stated: bool,
+) -> None:
+    """Refuse a picture of which nearly nothing lies where cloth and panel should be, before simulating.
 
     Args:
         capture_id: for the message.
         depth: the picture [m], float32 [H, W].
         kept: what is compared of it, 0 elsewhere.
         scene: how the camera sees the panel.
+        pose_stated: the set states the camera's pose; otherwise it was found in the set's pictures.
 
     Raises:
         InputError: naming the capture.
@@ -43,11 +51,17 @@ def check_kept(capture_id: str, depth: NDArray[np.float32], kept: NDArray[np.flo
             code="cloth_not_seen",
         )
     off = float(np.median(depth[both] - panel[both]))
-    raise InputError(
-        f"capture {capture_id}: what it shows lies {abs(off):.2g} m {'behind' if off > 0 else 'before'} the panel that "
-        "is stated: correct camera_from_panel, depth_unit_m or the picture, or leave the capture out",
-        code="cloth_not_seen",
-    )
+    where = f"{abs(off):.2g} m {'behind' if off > 0 else 'before'} the panel"
+    if pose_stated:
+        said = (
+            f"{where} that is stated: correct camera_from_panel, depth_unit_m or the picture, or leave the capture out"
+        )
+    else:
+        said = (
+            f"{where} as it was found in the set's pictures: give camera_from_panel (the capture's own, where the "
+            "camera stood elsewhere for it), correct depth_unit_m or the picture, or leave the capture out"
+        )
+    raise InputError(f"capture {capture_id}: what it shows lies {said}", code="cloth_not_seen")
 
 
 def check_seen(capture_id: str, measured: Features, reference: Reference) -> None:

@@ -20,6 +20,7 @@ from diagnosis.simulation.responses import Responses, borrowed_responses
 from diagnosis.simulation.simulator import Cost, KeyedDrape, Simulator
 from diagnosis.simulation.warps import warp_responses
 from diagnosis.tasks.enough import check_seen
+from simcore.drape import OUT_OF_TIME
 from simcore.errors import InputError
 from simcore.mechanics import Jitter
 from simcore.mesh import GridMesh
@@ -145,7 +146,8 @@ def not_at_rest(results: Sequence[FabricResult]) -> list[str]:
         if not c.base.drape.ok
     }
     return [
-        f"fabric {name} in {scene} is compared with a simulation that is not at rest ({why}): use a finer --resolution"
+        f"fabric {name} in {scene} is compared with a simulation that is not at rest ({why}): use a "
+        f"{'coarser' if why.startswith(OUT_OF_TIME) else 'finer'} --resolution"
         for (name, scene), why in found.items()
     ]
 

@@ -9,16 +9,19 @@ import numpy as np
 from capture.capture_set import Capture, CaptureSet
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
-from diagnosis.tasks.meshing import cell_size, on_cells
-from diagnosis.tasks.preparation import in_order, prepare_tasks, sensor_known, sensor_model, stated_parameters
+from diagnosis.tasks.meshing import cell_size
+from diagnosis.tasks.preparation import not_stated, prepare_tasks, recut, sensor_known, sensor_model, stated_parameters
+from diagnosis.tasks.put_up import as_simulated, in_order
 from simcore.errors import InputError
 
 NAMED = 3
 """So many absent pictures are named in a message."""
 
 
-def planned_tasks(captures: CaptureSet, effects: Sequence[str], resolution_m: float) -> list[FabricTask]:
-    """The tasks of :func:`diagnosis.tasks.preparation.prepare_tasks` for work that looks at no picture.
+def planned_tasks(
+    captures: CaptureSet, effects: Sequence[str], resolution_m: float
+) -> tuple[list[FabricTask], list[str]]:
+    """What :func:`diagnosis.tasks.preparation.prepare_tasks` gives, for work that looks at no picture.
 
     Where the set states all fabrics' parameters and density and the camera's pose, no picture is opened and none need
     be there; the tasks' pictures hold no data. Otherwise what is missing is found in the pictures, as for a diagnosis.
@@ -32,13 +35,11 @@ def planned_tasks(captures: CaptureSet, effects: Sequence[str], resolution_m: fl
         InputError: ``plan_incomplete``: pictures are absent and the set does not state what they would have to tell;
             captures that cannot be used; a mesh that does not fit the sample.
     """
-    wanting = _not_stated(captures)
+    wanting = _wanting(captures)
     if not wanting:
-        return [
-            _task(in_order(captures.of_fabric(name)), effects, resolution_m)
-            for name in captures.fabrics
-            if captures.of_fabric(name)
-        ]
+        assumed = list(not_stated(captures))
+        taken = [in_order(captures.of_fabric(name)) for name in captures.fabrics]
+        return [_task(own, effects, resolution_m, assumed) for own in taken if own], assumed
     absent = [capture for capture in captures.captures if not capture.depth_path.exists()]
     if absent:
         names = ", ".join(capture.depth_path.name for capture in absent[:NAMED])
@@ -48,10 +49,10 @@ def planned_tasks(captures: CaptureSet, effects: Sequence[str], resolution_m: fl
             f"{'; '.join(wanting)}",
             code="plan_incomplete",
         )
-    return prepare_tasks(captures, effects, resolution_m)[0]
+    return prepare_tasks(captures, effects, resolution_m)
 
 
-def _not_stated(captures: CaptureSet) -> list[str]:
+def _wanting(captures: CaptureSet) -> list[str]:
     """What pictures would have to tell, in words."""
     wanting = []
     for name, fabric in captures.fabrics.items():
@@ -65,12 +66,13 @@ def _not_stated(captures: CaptureSet) -> list[str]:
     return wanting
 
 
-def _task(own: Sequence[Capture], effects: Sequence[str], resolution_m: float) -> FabricTask:
-    """One fabric with everything stated."""
+def _task(own: Sequence[Capture], effects: Sequence[str], resolution_m: float, assumed: list[str]) -> FabricTask:
+    """One fabric with everything stated; what had to be assumed is appended to ``assumed``."""
     fabric = own[0].fabric
-    parameters, sigma = stated_parameters(fabric, (), [])
+    parameters, sigma = stated_parameters(fabric, (), assumed)
     cell = cell_size(own[0].setup.sample_size_m, resolution_m)
     items = tuple(_capture_task(capture, cell) for capture in own)
+    assumed += recut(fabric.id, own, items)
     return FabricTask(fabric.id, parameters, sigma, items, tuple(effects), cell)
 
 
@@ -78,7 +80,7 @@ def _capture_task(capture: Capture, cell_m: float) -> CaptureTask:
     assert capture.camera_from_panel is not None
     camera = capture.camera
     scene = SimulationScene(
-        on_cells(capture.setup, cell_m),
+        as_simulated(capture.id, capture.setup, cell_m),
         camera=camera,
         pose=pose_rows(capture.camera_from_panel),
         sensor=sensor_model(capture.sensor, camera.depth_unit_m, float(capture.camera_from_panel[2, 3])),

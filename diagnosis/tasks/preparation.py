@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from capture.capture_set import Capture, CaptureSet
-from capture.documents import FabricDocument, SensorDocument, SetupDocument
+from capture.documents import FabricDocument, SensorDocument
 from capture.prepare import PreparedCapture, inputs_by_fabric, prepare_all
+from capture.report import MAX_PIN_ERROR_M, at_border, pins_far
 from capture.setup import passed_over
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M
 from diagnosis.tasks.enough import check_kept
 from diagnosis.tasks.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
-from diagnosis.tasks.meshing import cell_size, on_cells
+from diagnosis.tasks.meshing import cell_size
+from diagnosis.tasks.put_up import as_simulated, check_set_ups, in_order
+from diagnosis.tasks.sensors import sensors_passed_over
 from renderer.depth import panel_depth
 from renderer.sensor import SensorModel
 from simcore.errors import InputError
@@ -53,6 +56,7 @@ def prepare_tasks(
     """
     if not captures.captures:
         raise InputError(f"{captures.folder}: the set lists no captures", code="no_captures")
+    check_set_ups(captures, resolution_m)
     prepared = {p.capture.id: p for p in prepare_all(captures.captures)}
     assumed = list(not_stated(captures))
     tasks = []
@@ -68,7 +72,7 @@ def prepare_tasks(
             ready = prepared[capture.id]
             pose = ready.registration.camera_from_panel
             scene = SimulationScene(
-                on_cells(capture.setup, cell),
+                as_simulated(capture.id, capture.setup, cell),
                 camera=capture.camera,
                 pose=pose_rows(pose),
                 sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3])),
@@ -76,16 +80,15 @@ def prepare_tasks(
             depth = _compared(ready, scene)
             off = pose_error(ready, prepared.values())
             items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), off))
-        assumed += _recut(fabric_id, own, items)
+        assumed += recut(fabric_id, own, items)
         tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
     found = max(c.pose_error_m for task in tasks for c in task.captures)
+    assumed += doubts(prepared.values())
     if found > 0.0:
         assumed.append(
             f"the camera's pose was found in the pictures, to about {1e3 * found:.0f} mm along the panel: state "
             "camera_from_panel to have errors of the pose and axial sensor errors told, and small gaps seen"
         )
-    if not all(sensor_known(c) for c in captures.captures):
-        assumed.append("the sensor's noise is not stated: sensor effects on pixels cannot be judged")
     return tasks, assumed
 
 
@@ -112,20 +115,26 @@ def once_each(
 def pose_error(ready: PreparedCapture, prepared: Iterable[PreparedCapture]) -> float:
     """What a capture's pose may be off by along the panel [m], see :mod:`diagnosis.simulation.pose_error`.
 
-    It is as good as corners show it where a hanging picture gave the same pose.
+    It is as good as corners show it where a hanging picture gave the same pose, and no better than the pins were found
+    where most of the pictures that gave it show them elsewhere than the set-up has them.
     """
     if ready.capture.camera_from_panel is not None:
         return 0.0
     pose = ready.registration.camera_from_panel
     shared = [p for p in prepared if np.array_equal(p.registration.camera_from_panel, pose)]
-    return BY_CORNERS_M if any(p.capture.scene is Scene.HANGING for p in shared) else BY_OUTLINE_M
+    usual = BY_CORNERS_M if any(p.capture.scene is Scene.HANGING for p in shared) else BY_OUTLINE_M
+    pins = [p.registration.pin_error_m for p in shared if p.registration.pin_error_m is not None]
+    off = float(np.median(pins)) if pins else 0.0
+    return max(usual, off) if off > MAX_PIN_ERROR_M else usual
 
 
-def in_order(own: Iterable[Capture]) -> list[Capture]:
-    """A fabric's captures: which cells they are simulated on, and which fold states one of them finds, depends on
-    those before it, so that no file decides their order.
-    """
-    return sorted(own, key=lambda c: (c.scene.value, c.repeat, c.id))
+def doubts(prepared: Iterable[PreparedCapture]) -> list[str]:
+    """In words, what speaks against pictures and the poses found in them, each with the captures that it holds of."""
+    found: dict[str, list[str]] = {}
+    for ready in prepared:
+        for doubt in (*at_border(ready.region), *pins_far(ready.registration), *ready.registration.unusual):
+            found.setdefault(doubt, []).append(ready.capture.id)
+    return [f"capture {', '.join(names)}: {doubt}" for doubt, names in found.items()]
 
 
 def _compared(ready: PreparedCapture, scene: SimulationScene) -> NDArray[np.float32]:
@@ -137,7 +146,8 @@ def _compared(ready: PreparedCapture, scene: SimulationScene) -> NDArray[np.floa
             depth = without_surroundings(ready.depth, ready.region.mask, scene)
         except InputError as error:
             raise InputError(f"capture {ready.capture.id}: {error}", code=error.code) from None
-    check_kept(ready.capture.id, ready.depth, depth, scene)
+    stated = ready.capture.camera_from_panel is not None
+    check_kept(ready.capture.id, ready.depth, depth, scene, pose_stated=stated)
     return depth
 
 
@@ -159,7 +169,7 @@ def without_surroundings(
 
 
 def not_stated(captures: CaptureSet) -> Iterator[str]:
-    """In words, what a set leaves open, so that usual values are taken: uncertainties, parts of the set-up."""
+    """In words, what a set leaves open, so that usual values are taken: uncertainties, parts of the set-up, sensors."""
     fabrics = [captures.fabrics[name] for name in dict.fromkeys(c.fabric.id for c in captures.captures)]
     vague = [f.id for f in fabrics if f.parameters is not None and f.parameters_cv is None]
     if vague:
@@ -171,8 +181,7 @@ def not_stated(captures: CaptureSet) -> Iterator[str]:
     pins = sorted({c.scene.value for c in captures.captures if c.pins_from == "nominal"})
     if pins:
         yield f"pins_m is not stated ({', '.join(pins)}): pins are taken where they are nominally"
-    common = captures.document.setup or SetupDocument()
-    setups = [common.overridden_by(capture.document.setup) for capture in captures.captures]
+    setups = [captures.stated_setup(capture.document) for capture in captures.captures]
     over = {(c.scene.value, n) for c, s in zip(captures.captures, setups, strict=True) for n in passed_over(c.scene, s)}
     for scene, name in sorted(over):
         yield f"pin {name} is stated for {scene}, which has none of that name: the sample is taken as not held there"
@@ -193,6 +202,9 @@ def not_stated(captures: CaptureSet) -> Iterator[str]:
         yield "at_m of the sensor is not stated: its noise is taken as that at the panel's distance"
     if any(sensor.quantisation_m is None for sensor in sensors):
         yield "quantisation_m of the sensor is not stated: depths are taken as rounded to depth_unit_m alone"
+    if not all(sensor_known(c) for c in captures.captures):
+        yield "the sensor's noise is not stated: sensor effects on pixels cannot be judged"
+    yield from sensors_passed_over(captures)
 
 
 def sensor_model(document: SensorDocument | None, depth_unit_m: float, panel_m: float) -> SensorModel:
@@ -212,7 +224,7 @@ def sensor_model(document: SensorDocument | None, depth_unit_m: float, panel_m: 
     )
 
 
-def _recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureTask]) -> list[str]:
+def recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureTask]) -> list[str]:
     """In words, samples that are simulated in another size, as whole cells want it."""
     changed = {
         (*capture.setup.sample_size_m, *task.scene.setup.sample_size_m): None

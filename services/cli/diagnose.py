@@ -240,6 +240,8 @@ def _isolability(
         if pair.effect not in found.invisible():
             what = remedy(pair.effect, pair.other, found)
             console.say(f"  {pair.effect:20s} as {pair.other:20s} {pair.share:.2f} left; {what}")
+    for line in found.assumed:
+        console.say(f"assumed: {line}")
     console.say(f"{out / ISOLABILITY}")
 
 
@@ -261,6 +263,7 @@ def _isolability_json(found: Isolability) -> dict[str, Any]:
         "left_out": list(found.left_out),
         "confused": [{**row(p), "separated_by": remedy(p.effect, p.other, found)} for p in found.confused()],
         "pairs": [row(p) for p in found.pairs],
+        "assumed": list(found.assumed),
     }
 
 

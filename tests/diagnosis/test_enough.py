@@ -46,11 +46,14 @@ def test_what_is_partly_seen_is_said() -> None:
 @pytest.mark.parametrize(("off_m", "where"), [(0.4, "0.4 m behind"), (-0.3, "0.3 m before")])
 def test_a_picture_of_something_elsewhere_is_refused_before_simulating(off_m: float, where: str) -> None:
     panel = panel_depth(SCENE.camera, SCENE.camera_from_panel).astype(np.float32)
-    check_kept("c", panel, panel, SCENE)
+    check_kept("c", panel, panel, SCENE, pose_stated=True)
     nothing = np.zeros_like(panel)
     with pytest.raises(InputError, match=re.escape(f"capture c: what it shows lies {where} the panel")) as caught:
-        check_kept("c", panel + np.float32(off_m), nothing, SCENE)
+        check_kept("c", panel + np.float32(off_m), nothing, SCENE, pose_stated=True)
     assert caught.value.code == "cloth_not_seen"
+    with pytest.raises(InputError, match=r"as it was found in the set's pictures: give camera_from_panel") as caught:
+        check_kept("c", panel + np.float32(off_m), nothing, SCENE, pose_stated=False)
+    assert "stated" not in str(caught.value)
 
 
 def test_a_picture_with_hardly_a_pixel_is_refused() -> None:
@@ -58,4 +61,4 @@ def test_a_picture_with_hardly_a_pixel_is_refused() -> None:
     few[10:] = 0.0
     few[:, 10:] = 0.0
     with pytest.raises(InputError, match="capture c: 100 pixels show the cloth or what is round it, 864 are the least"):
-        check_kept("c", few, few, SCENE)
+        check_kept("c", few, few, SCENE, pose_stated=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from diagnosis.atlas_part import atlas_parts
 from diagnosis.diagnose import DiagnosisOptions
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
+from diagnosis.tasks.fabric_task import CaptureTask, FabricTask, not_at_rest
 from diagnosis.tasks.preparation import prepare_tasks
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import InputError
@@ -153,6 +155,17 @@ def test_at_most_it_costs_what_trials_and_pairs_need_too() -> None:
     nothing, adhesion, both = costs("range_noise"), costs("panel_adhesion"), costs("air_draft", "panel_adhesion")
     own = found.most_simulations + adhesion.most_simulations - nothing.most_simulations
     assert both.most_simulations == own + alike
+
+
+@pytest.mark.parametrize(
+    ("reason", "advice"), [("time limit; residual 3 vertex weights", "coarser"), ("at a saddle", "finer")]
+)
+def test_cells_that_may_come_to_rest_are_advised(reason: str, advice: str) -> None:
+    drape = SimpleNamespace(ok=False, reason=reason, status=DrapeStatus.NOT_STILL)
+    capture = SimpleNamespace(scene="stretch", base=SimpleNamespace(drape=drape))
+    result: Any = SimpleNamespace(task=SimpleNamespace(id="f"), captures=[capture])
+    (line,) = not_at_rest([result])
+    assert line.endswith(f"({reason}): use a {advice} --resolution")
 
 
 def test_an_effect_named_twice_is_tried_once() -> None:

@@ -85,6 +85,7 @@ def test_what_cannot_be_judged_is_said(taken: CaptureSet, shelf: DrapeCache, tmp
     found = analyse(blind, ("depth_bias", "range_noise", "bending_hysteresis"), 0.02, shelf)
     assert found.invisible() == ("range_noise",)  # its share of the pixels is not among the numbers at all
     assert found.left_out == ("bending_hysteresis",)
+    assert found.assumed == ("the sensor's noise is not stated: sensor effects on pixels cannot be judged",)
     assert set(found.own_nats) == {"depth_bias", "range_noise"}
     alone = analyse(blind, ("range_noise",), 0.02, shelf)
     assert alone.pairs == () and alone.invisible() == ("range_noise",)
@@ -103,7 +104,8 @@ def odd_in_many_ways(document: dict[str, Any]) -> None:
 def test_a_plan_is_simulated_as_the_captures_would_be(taken: CaptureSet, tmp_path: Path, change: Change | None) -> None:
     planned = plan(taken, tmp_path, change)
     there = CaptureSet(taken.folder, planned.document)
-    tasks = planned_tasks(planned, EFFECTS, 0.02)
+    tasks, assumed = planned_tasks(planned, EFFECTS, 0.02)
+    assert assumed == prepare_tasks(there, EFFECTS, 0.02)[1]
     for task, taken_task in zip(tasks, prepare_tasks(there, EFFECTS, 0.02)[0], strict=True):
         for one, other in zip(task.captures, taken_task.captures, strict=True):
             assert one.depth.shape == other.depth.shape and not one.depth.any()
@@ -144,11 +146,12 @@ def test_a_plan_that_leaves_something_to_pictures_is_refused(
 
 def test_what_is_not_stated_is_found_in_pictures_that_are_there(taken: CaptureSet, tmp_path: Path) -> None:
     there = CaptureSet(taken.folder, plan(taken, tmp_path, remove("density")).document)
-    tasks = planned_tasks(there, EFFECTS, 0.02)
+    tasks, assumed = planned_tasks(there, EFFECTS, 0.02)
     assert tasks[1].parameters.density == TYPICAL_DENSITY_KG_M2
+    assert "fabric f2: no density; taken as 0.2" in "; ".join(assumed)
     assert tasks[1].captures[0].depth.any()
 
 
 def test_a_fabric_without_captures_need_not_be_known(taken: CaptureSet, tmp_path: Path) -> None:
     planned = plan(taken, tmp_path, lambda document: document["fabrics"].append({"id": "later"}))
-    assert [task.id for task in planned_tasks(planned, EFFECTS, 0.02)] == ["f1", "f2"]
+    assert [task.id for task in planned_tasks(planned, EFFECTS, 0.02)[0]] == ["f1", "f2"]

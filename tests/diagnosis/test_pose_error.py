@@ -21,7 +21,7 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M, TURN_RAD, pose_responses
 from diagnosis.tasks.fabric_task import FabricTask, explain_fabric
-from diagnosis.tasks.preparation import pose_error, prepare_tasks
+from diagnosis.tasks.preparation import doubts, pose_error, prepare_tasks
 from renderer.pose import pose_from_rotation
 from simcore.drape import Drape
 from simcore.mesh import GridMesh
@@ -84,11 +84,37 @@ def test_the_errors_of_repeats_are_half_in_common() -> None:
     np.testing.assert_allclose(more, np.block([[whole, 0.5 * whole], [0.5 * whole, whole]]), atol=1e-12)
 
 
-def test_a_pose_that_hanging_pictures_share_is_found_well() -> None:
-    def ready(scene: Scene, pose: np.ndarray, stated: bool = False) -> Any:
-        capture = SimpleNamespace(scene=scene, camera_from_panel=pose if stated else None)
-        return SimpleNamespace(capture=capture, registration=SimpleNamespace(camera_from_panel=pose))
+def ready(scene: Scene, pose: np.ndarray, stated: bool = False, pin_error_m: float | None = None) -> Any:
+    """A prepared capture, as far as its pose goes."""
+    capture = SimpleNamespace(scene=scene, camera_from_panel=pose if stated else None)
+    found = SimpleNamespace(camera_from_panel=pose, pin_error_m=pin_error_m, unusual=())
+    return SimpleNamespace(capture=capture, registration=found)
 
+
+def test_a_pose_is_no_better_than_the_pins_that_gave_it() -> None:
+    pose = np.eye(4)
+    stretched = ready(Scene.STRETCH, pose)
+    well, badly = (ready(Scene.HANGING, pose, pin_error_m=off) for off in (0.014, 0.06))
+    assert pose_error(well, [well, stretched]) == pose_error(stretched, [well, stretched]) == BY_CORNERS_M
+    assert pose_error(badly, [badly, stretched]) == pose_error(stretched, [badly, stretched]) == 0.06
+    # most say that the pose is right; of a rig all captures have the same
+    assert pose_error(badly, [well, well, badly]) == pose_error(well, [well, well, badly]) == BY_CORNERS_M
+
+
+def test_what_speaks_against_poses_is_said_with_its_captures() -> None:
+    shown = []
+    for name, off_m, unusual, first in (("a", 0.004, (), 3), ("b", 0.06, ("odd",), 0), ("c", None, ("odd",), 0)):
+        one = ready(Scene.HANGING, np.eye(4), pin_error_m=off_m)
+        one.capture.id, one.registration.unusual = name, unusual
+        one.region = SimpleNamespace(standing=np.arange(64).reshape(8, 8) == 9 * first)
+        shown.append(one)
+    at_border, pins, odd = doubts(shown)
+    assert at_border == "capture b, c: the cloth reaches the picture's border: take the whole sample into view"
+    assert pins == "capture b: the pinned corners are 60 mm from the set-up's: measure pins_m again"
+    assert odd == "capture b, c: odd"
+
+
+def test_a_pose_that_hanging_pictures_share_is_found_well() -> None:
     pose, other = np.eye(4), pose_from_rotation((0.0, 0.0, 0.0), (0.01, 0.0, 0.0))
     stretched, hanging = ready(Scene.STRETCH, pose), ready(Scene.HANGING, pose)
     assert pose_error(stretched, [stretched]) == BY_OUTLINE_M

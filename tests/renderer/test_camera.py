@@ -81,9 +81,20 @@ def test_bad_intrinsics_are_refused(change: dict[str, Any], code: str) -> None:
     assert error.value.code == code
 
 
-def test_a_distortion_that_folds_the_picture_is_refused() -> None:
-    with pytest.raises(InputError, match="k1, k2, p1, p2, k3"):
-        ray_directions(Camera(640, 480, 300.0, 300.0, 319.5, 239.5, (-2.0, 0.0, 0.0, 0.0, 0.0)))
+@pytest.mark.parametrize("k1", [-2.0, -0.35])
+def test_a_distortion_that_folds_the_picture_is_refused(k1: float) -> None:
+    with pytest.raises(InputError, match=r"folds the picture over itself .* k1, k2, p1, p2, k3"):
+        ray_directions(Camera(640, 480, 300.0, 300.0, 319.5, 239.5, (k1, 0.0, 0.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize("tangential", [0.0, 0.004])
+def test_a_steep_wide_angle_lens_is_undone(tangential: float) -> None:
+    """Towards its corners the picture grows more than twice as fast as the radius: a fixed point runs away there."""
+    camera = Camera(64, 48, 30.0, 30.0, 31.5, 23.5, (-0.35, 0.15, tangential, -tangential, 0.0))
+    column, row = np.meshgrid(np.arange(64), np.arange(48))
+    rays = ray_directions(camera)
+    np.testing.assert_allclose(camera.project(rays), np.stack([column, row], axis=-1), rtol=0, atol=1e-6)
+    assert np.linalg.norm(rays[..., :2], axis=-1).max() < 1.6  # short of any other branch
 
 
 def test_frontal_pose_sees_the_panel_straight_on() -> None:

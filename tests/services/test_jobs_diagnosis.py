@@ -7,8 +7,10 @@ import io
 import json
 import struct
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import httpx
 import pytest
@@ -105,6 +107,43 @@ def test_pictures_are_found_by_whatever_path_names_them(
     document = diagnoses._check(content, Settings())
     unpack(content, tmp_path, ArchiveLimits(Settings().max_unpacked_bytes), picture_names(document))
     assert CaptureSet.load(tmp_path).captures[0].read_depth().max() > 0.0
+
+
+def _stating(folder: Path, change: Callable[[dict[str, Any]], None]) -> bytes:
+    """The real set, its ``captures.json`` changed."""
+    document = json.loads((folder / "captures.json").read_text())
+    change(document)
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as archive:
+        archive.writestr("captures.json", json.dumps(document))
+        for file in folder.glob("*.png"):
+            archive.writestr(file.name, file.read_bytes())
+    return stream.getvalue()
+
+
+PINS = {"top_left": [0.2, 0, 0], "top_right": [-0.2, 0, 0]}
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "said"),
+    [
+        (lambda d: d["setup"].update(pins_m={"hanging": {"top_left": [0, 0, 0]}}), "pins_missing", "'r1-hanging-0'"),
+        (lambda d: d["setup"].update(camera_from_panel=[[2, 0, 0, 0]] * 4), "pose", "'r1-hanging-0'"),
+        (lambda d: d["setup"].update(pin_radius_m=0.3), "pin_radius", "'r1-hanging-0'"),
+        (lambda d: d["captures"][1].update(setup={"pins_m": {"hanging": PINS}}), "pins_crossed", "r1-hanging-1: pin"),
+        (
+            lambda d: d["captures"][2].update(camera={**d["camera"], "width": 320}),
+            "depth_wrong_size",
+            "r1-hanging-2.png is 640 x 480 pixels, its camera says 320 x 480",
+        ),
+    ],
+)
+def test_what_captures_json_alone_shows_to_be_unusable_is_refused(
+    change: Callable[[dict[str, Any]], None], code: str, said: str, shared_dir: Path
+) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        diagnoses._check(_stating(shared_dir / "real" / "phisft-r1", change), Settings())
+    assert caught.value.code == code
 
 
 def test_a_path_that_goes_up_is_refused(shared_dir: Path) -> None:

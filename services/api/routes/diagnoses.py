@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, File, Form, UploadFile
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 
+from capture.capture_set import CaptureSet
 from capture.documents import CaptureSetDocument, parse_document
+from capture.picture import check_size
 from services.api.auth import Caller, require
 from services.api.documented import accepted, problems
 from services.api.forms import known_fields_only
@@ -20,9 +23,10 @@ from services.api.uploads import HEADER_BYTES, check_png
 from services.api.views import JobView
 from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, beginnings, names_in, read_captures_json
 from services.jobs.files import FileContent
-from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs, picture_names
+from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs, picture_name, picture_names
 from services.names import split_names
 from services.settings import Settings
+from simcore.checks import check_pins
 from simcore.errors import InputError
 
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
@@ -86,6 +90,13 @@ def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
     missing = [depth for name, depth in pictures.items() if name not in names]
     if missing:
         raise InputError(f"the archive lacks {missing[0]}, which {CAPTURES_FILE} names", code="depth_missing")
-    for name, head in beginnings(content, limits, pictures, HEADER_BYTES).items():
-        check_png(head, name, settings.max_picture_pixels)
+    heads = beginnings(content, limits, pictures, HEADER_BYTES)
+    sizes = {name: check_png(head, name, settings.max_picture_pixels) for name, head in heads.items()}
+    for capture in CaptureSet(Path(), document).captures:
+        size = sizes[picture_name(capture.document)]
+        check_size(capture.document.depth, size.width, size.height, capture.camera)
+        try:
+            check_pins(capture.setup)
+        except InputError as error:
+            raise InputError(f"capture {capture.id}: {error}", code=error.code) from None
     return document

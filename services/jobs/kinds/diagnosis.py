@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field
 
-from capture.documents import CaptureSetDocument, parse_document
+from capture.documents import CaptureDocument, CaptureSetDocument, parse_document
 from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, read_captures_json, unpack
 from services.jobs.files import FileContent
 from services.jobs.kinds.common import counting
@@ -43,13 +43,18 @@ class DiagnosisInputs(Strict):
         return options
 
 
+def picture_name(capture: CaptureDocument) -> str:
+    """Where an archive has a capture's depth picture, relative to its ``captures.json``."""
+    return PurePosixPath(capture.depth).as_posix()
+
+
 def picture_names(document: CaptureSetDocument) -> dict[str, str]:
     """Where an archive has the depth pictures, relative to its ``captures.json``, with what that calls them.
 
     Raises:
         InputError: a path that goes up.
     """
-    names = {PurePosixPath(capture.depth).as_posix(): capture.depth for capture in document.captures}
+    names = {picture_name(capture): capture.depth for capture in document.captures}
     upward = [depth for name, depth in names.items() if ".." in PurePosixPath(name).parts]
     if upward:
         raise InputError(
