@@ -3,10 +3,10 @@
 Cached drapes go by the solver's own version (``simcore.version``).
 """
 
-MODEL_VERSION = "drapemeter-diagnosis/54"
+MODEL_VERSION = "drapemeter-diagnosis/55"
 RESPONSES_VERSION = 4
 """Raised when what is measured on a simulated picture changes."""
 PIXELS_VERSION = 7
 """The same of pixel statistics."""
-LED_VERSION = 3
+LED_VERSION = 4
 """Raised when captures lead the solver otherwise than before."""

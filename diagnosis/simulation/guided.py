@@ -23,6 +23,8 @@ from simcore.solver import Solver
 Array = NDArray[np.float64]
 VISIBLE_M = 0.01
 """Of a vertex: its depth from the picture's, at most."""
+SHOWN = 0.5
+"""Of the smoothed picture where a vertex lies, what has to be data: holes, and what is outside it, lead nowhere."""
 SPRINGS_PER_M = (1000.0, 300.0, 100.0, 30.0, 10.0)
 """Stiffness of the springs that hold a vertex at its seen height, in vertex weights a metre; one solve each."""
 
@@ -75,7 +77,8 @@ def warp_to_picture(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Vertices moved along their rays to the capture's levelled, lightly smoothed depth, and which of them are seen.
 
-    Hidden vertices stay. Returns positions [vertices, 3] in the panel frame and bool [vertices].
+    Vertices that are hidden, or of which the picture shows nothing, stay. Returns positions [vertices, 3] in the panel
+    frame and bool [vertices].
     """
     pose = scene.camera_from_panel
     own = picture_of(drape, scene)
@@ -89,7 +92,8 @@ def warp_to_picture(
     where = np.nan_to_num([pixels[:, 1], pixels[:, 0]])
     move = ndimage.map_coordinates(residual, where, order=1, mode="nearest")
     surface = ndimage.map_coordinates(own, where, order=1, mode="nearest")
-    visible = np.abs(surface - points[:, 2]) < VISIBLE_M
+    shown = ndimage.map_coordinates(weight, where, order=1, mode="constant") > SHOWN
+    visible = shown & (np.abs(surface - points[:, 2]) < VISIBLE_M)
     moved = points * (1 + np.where(visible, move, 0.0) / points[:, 2])[:, None]
     vertices = (moved - pose[:3, 3]) @ pose[:3, :3]
     if scene.setup.panel:

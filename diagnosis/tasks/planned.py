@@ -10,8 +10,9 @@ from capture.capture_set import Capture, CaptureSet
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
 from diagnosis.tasks.meshing import cell_size
-from diagnosis.tasks.preparation import not_stated, prepare_tasks, recut, sensor_known, sensor_model, stated_parameters
+from diagnosis.tasks.preparation import not_stated, prepare_tasks, recut, sensor_known, stated_parameters
 from diagnosis.tasks.put_up import as_simulated, in_order
+from diagnosis.tasks.sensors import sensor_model, usual_distance
 from simcore.errors import InputError
 
 NAMED = 3
@@ -39,7 +40,8 @@ def planned_tasks(
     if not wanting:
         assumed = list(not_stated(captures))
         taken = [in_order(captures.of_fabric(name)) for name in captures.fabrics]
-        return [_task(own, effects, resolution_m, assumed) for own in taken if own], assumed
+        usual_m = usual_distance(c.camera_from_panel for c in captures.captures if c.camera_from_panel is not None)
+        return [_task(own, effects, resolution_m, usual_m, assumed) for own in taken if own], assumed
     absent = [capture for capture in captures.captures if not capture.depth_path.exists()]
     if absent:
         names = ", ".join(capture.depth_path.name for capture in absent[:NAMED])
@@ -66,24 +68,26 @@ def _wanting(captures: CaptureSet) -> list[str]:
     return wanting
 
 
-def _task(own: Sequence[Capture], effects: Sequence[str], resolution_m: float, assumed: list[str]) -> FabricTask:
+def _task(
+    own: Sequence[Capture], effects: Sequence[str], resolution_m: float, usual_m: float, assumed: list[str]
+) -> FabricTask:
     """One fabric with everything stated; what had to be assumed is appended to ``assumed``."""
     fabric = own[0].fabric
     parameters, sigma = stated_parameters(fabric, (), assumed)
     cell = cell_size(own[0].setup.sample_size_m, resolution_m)
-    items = tuple(_capture_task(capture, cell) for capture in own)
+    items = tuple(_capture_task(capture, cell, usual_m) for capture in own)
     assumed += recut(fabric.id, own, items)
     return FabricTask(fabric.id, parameters, sigma, items, tuple(effects), cell)
 
 
-def _capture_task(capture: Capture, cell_m: float) -> CaptureTask:
+def _capture_task(capture: Capture, cell_m: float, usual_m: float) -> CaptureTask:
     assert capture.camera_from_panel is not None
     camera = capture.camera
     scene = SimulationScene(
         as_simulated(capture.id, capture.setup, cell_m),
         camera=camera,
         pose=pose_rows(capture.camera_from_panel),
-        sensor=sensor_model(capture.sensor, camera.depth_unit_m, float(capture.camera_from_panel[2, 3])),
+        sensor=sensor_model(capture.sensor, camera.depth_unit_m, float(capture.camera_from_panel[2, 3]), usual_m),
     )
     nothing = np.zeros((camera.height, camera.width), dtype=np.float32)
     return CaptureTask(capture.id, capture.repeat, nothing, scene, sensor_known(capture))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from capture.capture_set import Capture, CaptureSet
-from capture.documents import FabricDocument, SensorDocument
+from capture.documents import FabricDocument
 from capture.prepare import PreparedCapture, inputs_by_fabric, prepare_all
 from capture.report import MAX_PIN_ERROR_M, at_border, pins_far
 from capture.setup import passed_over
@@ -22,9 +22,8 @@ from diagnosis.tasks.enough import check_kept
 from diagnosis.tasks.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
 from diagnosis.tasks.meshing import cell_size
 from diagnosis.tasks.put_up import as_simulated, check_set_ups, in_order
-from diagnosis.tasks.sensors import sensors_passed_over
+from diagnosis.tasks.sensors import sensor_model, sensors_passed_over, usual_distance
 from renderer.depth import panel_depth
-from renderer.sensor import SensorModel
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 from simcore.scenes import Scene
@@ -59,6 +58,7 @@ def prepare_tasks(
     check_set_ups(captures, resolution_m)
     prepared = {p.capture.id: p for p in prepare_all(captures.captures)}
     assumed = list(not_stated(captures))
+    usual_m = usual_distance(ready.registration.camera_from_panel for ready in prepared.values())
     tasks = []
     for fabric_id, fabric in captures.fabrics.items():
         own = in_order(captures.of_fabric(fabric_id))
@@ -75,7 +75,7 @@ def prepare_tasks(
                 as_simulated(capture.id, capture.setup, cell),
                 camera=capture.camera,
                 pose=pose_rows(pose),
-                sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3])),
+                sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3]), usual_m),
             )
             depth = _compared(ready, scene)
             off = pose_error(ready, prepared.values())
@@ -205,23 +205,6 @@ def not_stated(captures: CaptureSet) -> Iterator[str]:
     if not all(sensor_known(c) for c in captures.captures):
         yield "the sensor's noise is not stated: sensor effects on pixels cannot be judged"
     yield from sensors_passed_over(captures)
-
-
-def sensor_model(document: SensorDocument | None, depth_unit_m: float, panel_m: float) -> SensorModel:
-    """The sensor as stated, its steps no finer than those in which pictures are kept; ideal where nothing is stated.
-
-    Args:
-        document: what is stated.
-        depth_unit_m: step in which pictures are kept [m].
-        panel_m: distance of the panel along the camera's axis [m], where it is not said at which one noise is stated.
-    """
-    if document is None:
-        return SensorModel()
-    return SensorModel(
-        range_noise_m=document.range_noise_m or 0.0,
-        at_m=document.at_m or panel_m,
-        quantisation_m=max(document.quantisation_m or 0.0, depth_unit_m),
-    )
 
 
 def recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureTask]) -> list[str]:

@@ -1,13 +1,17 @@
-"""What a set states of sensors that no simulation takes up."""
+"""The sensor as a set states it, and what it states of sensors that no simulation takes up."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from capture.capture_set import CaptureSet
+from capture.documents import SensorDocument
+from renderer.sensor import SensorModel
 
 NAMED = 3
 """So many are named in a line."""
@@ -41,3 +45,29 @@ def _further(model: BaseModel | None) -> Mapping[str, Any]:
 def _named(names: Sequence[str]) -> str:
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return ", ".join(names[:NAMED]) + more
+
+
+def usual_distance(poses: Iterable[NDArray[np.float64]]) -> float:
+    """The median distance of the panel along the camera's axis [m], of poses [4, 4] of the panel before the camera."""
+    return float(np.median([pose[2, 3] for pose in poses]))
+
+
+def sensor_model(document: SensorDocument | None, depth_unit_m: float, panel_m: float, usual_m: float) -> SensorModel:
+    """The sensor as stated, its steps no finer than those in which pictures are kept; ideal where nothing is stated.
+
+    Its noise is restated for one distance of the whole set: so much noise more or less is as probable, and as large,
+    whatever distance a data sheet goes by.
+
+    Args:
+        document: what is stated.
+        depth_unit_m: step in which pictures are kept [m].
+        panel_m: distance of the panel along the camera's axis [m], where it is not said at which one noise is stated.
+        usual_m: the same in the median of the set's captures.
+    """
+    if document is None:
+        return SensorModel()
+    return SensorModel(
+        range_noise_m=(document.range_noise_m or 0.0) * (usual_m / (document.at_m or panel_m)) ** 2,
+        at_m=usual_m,
+        quantisation_m=max(document.quantisation_m or 0.0, depth_unit_m),
+    )

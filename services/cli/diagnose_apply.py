@@ -73,8 +73,8 @@ def _of_another_rig(made: SimulatorExtension, scenes: list[SimulationScene]) -> 
     noise = {(nominal.sensor.at_m / scene.sensor.at_m) ** 2 for scene in scenes}
     if "range_noise" in names and any(abs(share - 1.0) > ALIKE for share in noise):
         yield (
-            f"range_noise is at the distance that the set states for its sensor; at the {nominal.sensor.at_m:g} m of "
-            f"an ideal sensor it would be {_between(noise)} times as large"
+            f"range_noise is at the panel's distance in the captures; at the {nominal.sensor.at_m:g} m of an ideal "
+            f"sensor it would be {_between(noise)} times as large"
         )
 
 

@@ -105,6 +105,25 @@ def test_the_fold_state_that_a_capture_shows_does_not_depend_on_where_its_pictur
         assert simulator.cost.simulations == solved
 
 
+def test_what_a_capture_does_not_show_leads_nowhere(drape: KeyedDrape) -> None:
+    """No data in the picture's left half, and nothing right of its border."""
+    whole = picture_of(drape.drape, SCENE)
+    _, seen = warp_to_picture(drape.drape, SCENE, whole)
+    held = whole.copy()
+    middle = whole.shape[1] // 2
+    held[:, :middle] = 0.0
+    target, right = warp_to_picture(drape.drape, SCENE, held)
+    inside = SCENE.camera_from_panel
+    columns = SCENE.camera.project(drape.drape.vertices @ inside[:3, :3].T + inside[:3, 3])[:, 0]
+    assert seen[columns < middle - 3].any() and not right[columns < middle - 3].any()
+    np.testing.assert_array_equal(right[columns > middle + 3], seen[columns > middle + 3])
+    at_rest = np.maximum(drape.drape.vertices[:, 2], 2e-4)
+    np.testing.assert_allclose(target[~right, 2], at_rest[~right], atol=1e-12)
+    narrow = replace(SCENE, camera=replace(SCENE.camera, width=middle))
+    _, left = warp_to_picture(drape.drape, narrow, np.ascontiguousarray(whole[:, :middle]))
+    assert not left[columns > middle].any() and left.any()
+
+
 def test_a_capture_leads_to_its_folds_wherever_its_picture_lies(tmp_path: Path) -> None:
     """Nothing is known beforehand but another state."""
     simulator = Simulator(DrapeCache(tmp_path))
