@@ -354,7 +354,10 @@ def _pixels(results: Sequence[FabricResult], noise: NoiseModel) -> PixelBlock:
 
 def _of_states(results: Sequence[FabricResult]) -> list[str]:
     """What has to be said of captures and of the states that stand for them."""
-    return partly_seen({c.id: (c.measured, c.reference) for r in results for c in r.captures}) + not_at_rest(results)
+    return [
+        *partly_seen({c.id: (c.measured, c.reference) for r in results for c in r.captures}),
+        *not_at_rest(results),
+    ]
 
 
 def _cost(results: Sequence[FabricResult], looks: Mapping[str, FreshLook], before: Cost) -> Cost:

@@ -138,8 +138,8 @@ def visible_effects(plan: BlindPlan) -> list[Effect]:
 
 def hidden_effects(manifest: Mapping[str, Any]) -> list[str]:
     """Of a written check, effects of the catalogue that its captures cannot show, so that none has them."""
-    scenes = {"withhold": tuple(manifest["withhold"]), "scenes": tuple(manifest["scenes"])}
-    plan = BlindPlan(cases=manifest["cases"], seed=manifest["seed"], **scenes)
+    withheld, scenes = tuple(manifest["withhold"]), tuple(manifest["scenes"])
+    plan = BlindPlan(manifest["cases"], manifest["seed"], withhold=withheld, scenes=scenes)
     return [name for name, e in sorted(catalogue().items()) if name not in plan.withhold and not _shows(e, plan)]
 
 

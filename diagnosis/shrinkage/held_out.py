@@ -71,10 +71,11 @@ def not_at_rest_with(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> li
     unrested = []
     for one in held:
         shown, look = on_shapes(one.effects), looks.get(one.block.fabric)
-        for capture in look.result.captures if look is not None and shown else ():
-            if capture.id in one.block.captures:
-                found = look.drape(capture, shown)
-                unrested += [capture.id] if found is not capture.base and not found.drape.ok else []
+        if look is None or not shown:
+            continue
+        for capture in (c for c in look.result.captures if c.id in one.block.captures):
+            found = look.drape(capture, shown)
+            unrested += [capture.id] if found is not capture.base and not found.drape.ok else []
     if not unrested:
         return []
     return [
