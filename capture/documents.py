@@ -13,15 +13,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from renderer.camera import Camera
 from simcore.errors import InputError
-from simcore.json_text import first_not_finite, parse_json
+from simcore.json_text import first_not_finite, parse_json, whole
 from simcore.parameters import ESTIMATED_NAMES, LIMITS, UNITS
 
 FORMAT: Final = "drape-capture-set/1"
-
-
-def _whole(value: object) -> object:
-    """A whole number written with a point, as JSON allows (640.0), without it."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 # a text or a truth value is no number, though pydantic would take "0.2" and true for one
@@ -33,7 +28,7 @@ Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
 Material = Annotated[Number, WithJsonSchema({"type": "number", "exclusiveMinimum": 0})]
 """A fabric's own number; :func:`_within_limits` looks at it, in words of its unit."""
-Pixels = Annotated[int, Field(strict=True, ge=1, le=16384), BeforeValidator(_whole)]
+Pixels = Annotated[int, Field(strict=True, ge=1, le=16384), BeforeValidator(whole)]
 Truth = Annotated[bool, Field(strict=True)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 PicturePath = Annotated[str, Field(min_length=1, max_length=4096)]
@@ -149,7 +144,7 @@ class CaptureDocument(_Model):
     id: Name
     fabric: Name
     scene: Literal["hanging", "stretch"]
-    repeat: Annotated[int, Field(strict=True, ge=0), BeforeValidator(_whole)] | None = None
+    repeat: Annotated[int, Field(strict=True, ge=0), BeforeValidator(whole)] | None = None
     depth: PicturePath
     camera: CameraDocument | None = None
     setup: SetupDocument | None = None
