@@ -184,6 +184,21 @@ def test_whole_numbers_may_have_a_point(client: httpx.Client) -> None:
     assert problem(answer)["code"] == "scenes"
 
 
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("POST", "/openapi.json", "GET, HEAD"),
+        ("PATCH", "/v1/fabrics", "GET, HEAD, POST"),
+        ("POST", "/v1/fabrics/fab_x", "DELETE, GET, HEAD, PUT"),
+    ],
+)
+def test_a_method_that_a_path_does_not_have_is_told_which_it_has(
+    client: httpx.Client, method: str, path: str, allowed: str
+) -> None:
+    answer = client.request(method, path)
+    assert (answer.status_code, answer.headers["allow"]) == (405, allowed)
+
+
 def test_a_request_longer_than_allowed_is_refused_whether_announced_or_not(client: httpx.Client) -> None:
     long = b"x" * (3 * 1024 * 1024)
 
