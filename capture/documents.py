@@ -9,19 +9,14 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, WithJsonSchema, field_validator
 
 from renderer.camera import Camera
 from simcore.errors import InputError
-from simcore.json_text import first_not_finite, parse_json
+from simcore.json_text import first_not_finite, parse_json, whole
 from simcore.parameters import ESTIMATED_NAMES, LIMITS, UNITS
 
 FORMAT: Final = "drape-capture-set/1"
-
-
-def _whole(value: object) -> object:
-    """A whole number written with a point, as JSON allows (640.0), without it."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 # a text or a truth value is no number, though pydantic would take "0.2" and true for one
@@ -31,7 +26,9 @@ Row = tuple[Number, Number, Number, Number]
 Pose = tuple[Row, Row, Row, Row]
 Positive = Annotated[Number, Field(gt=0.0)]
 NotNegative = Annotated[Number, Field(ge=0.0)]
-Pixels = Annotated[int, Field(strict=True, ge=1, le=16384), BeforeValidator(_whole)]
+Material = Annotated[Number, WithJsonSchema({"type": "number", "exclusiveMinimum": 0})]
+"""A fabric's own number; :func:`_within_limits` looks at it, in words of its unit."""
+Pixels = Annotated[int, Field(strict=True, ge=1, le=16384), BeforeValidator(whole)]
 Truth = Annotated[bool, Field(strict=True)]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 PicturePath = Annotated[str, Field(min_length=1, max_length=4096)]
@@ -113,12 +110,12 @@ class SetupDocument(_Model):
 class MechanicsDocument(_Model):
     """The six mechanical parameters of a fabric, where they are known."""
 
-    stretch_warp: Number
-    stretch_weft: Number
-    stretch_bias: Number
-    bending_warp: Number
-    bending_weft: Number
-    bending_bias: Number
+    stretch_warp: Material
+    stretch_weft: Material
+    stretch_bias: Material
+    bending_warp: Material
+    bending_weft: Material
+    bending_bias: Material
 
     @field_validator(*ESTIMATED_NAMES)
     @classmethod
@@ -130,7 +127,7 @@ class FabricDocument(_Model):
     """One fabric of the set."""
 
     id: Name
-    density: Number | None = None
+    density: Material | None = None
     parameters: MechanicsDocument | None = None
     parameters_cv: NotNegative | None = None
     density_cv: NotNegative | None = None
@@ -147,7 +144,7 @@ class CaptureDocument(_Model):
     id: Name
     fabric: Name
     scene: Literal["hanging", "stretch"]
-    repeat: Annotated[int, Field(strict=True, ge=0), BeforeValidator(_whole)] | None = None
+    repeat: Annotated[int, Field(strict=True, ge=0), BeforeValidator(whole)] | None = None
     depth: PicturePath
     camera: CameraDocument | None = None
     setup: SetupDocument | None = None
@@ -255,11 +252,26 @@ def check_references(document: CaptureSetDocument, source: str) -> None:
             )
 
 
+NULL_TOO: Final = frozenset({"camera_from_panel", "density", "parameters"})
+"""Keys that the format lets be null; :func:`parse_document` takes null for every key that may be absent."""
+
+
 def json_schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of the format, made from these models."""
+    """JSON Schema (draft 2020-12) of the format, made from these models: what it takes, the format takes."""
     schema = CaptureSetDocument.model_json_schema()
     schema["required"] = sorted({"format", *schema["required"]})
+    for model in (schema, *schema["$defs"].values()):
+        model["properties"] = {key: _said(key, said) for key, said in model["properties"].items()}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": FORMAT}
+
+
+def _said(key: str, said: dict[str, Any]) -> dict[str, Any]:
+    """What a schema says of a key: null only where the format has it."""
+    if key in NULL_TOO or "anyOf" not in said:
+        return said
+    (other,) = (choice for choice in said["anyOf"] if choice != {"type": "null"})
+    rest = {word: value for word, value in said.items() if word not in ("anyOf", "default")}
+    return {**rest, **other}
 
 
 _NEEDED: Final = {

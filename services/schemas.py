@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from simcore.json_text import whole
 from simcore.parameters import LIMITS, UNITS, FabricParameters
 
 EXAMPLE_PARAMETERS: dict[str, Any] = {
@@ -18,6 +19,10 @@ EXAMPLE_PARAMETERS: dict[str, Any] = {
     "density": 0.2,
 }
 EXAMPLE_STIFF: dict[str, Any] = {**EXAMPLE_PARAMETERS, "bending_warp": 2.5e-4, "bending_weft": 2.0e-4, "density": 0.4}
+
+# a text or a truth value is no number, though pydantic would take "2" and true for one
+Number = Annotated[float, Field(strict=True)]
+Whole = Annotated[int, Field(strict=True), BeforeValidator(whole)]
 
 
 class Strict(BaseModel):

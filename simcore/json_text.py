@@ -38,6 +38,11 @@ def parse_json(text: str, source: object) -> Any:
         raise InputError(f"{source}: a number in it has too many digits to be read", code="file_not_json") from None
 
 
+def whole(value: object) -> object:
+    """A whole number written with a point, as JSON allows (640.0), without it; anything else as it is."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
 def first_not_finite(value: Any, place: str = "") -> str | None:
     """Where in a parsed document (`a.b[2]`) the first number is that is NaN or infinite, or None."""
     if isinstance(value, float):

@@ -71,7 +71,9 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.service = state
     for router in ROUTERS:
         app.include_router(router)
-    app.state.api_routes = [route for router in ROUTERS for route in router.routes if isinstance(route, Route)]
+    # the application's own list has one entry for a whole router
+    routes = (*app.routes, *(route for router in ROUTERS for route in router.routes))
+    app.state.api_routes = [route for route in routes if isinstance(route, Route)]
     install_problem_handlers(app)
     install_openapi(app)
     app.add_middleware(KeyFirst, state=state)

@@ -50,7 +50,8 @@ Example:
 
 Every command has --help with an example, --seed, and --json for one JSON document on standard output.
 
-Exit codes: 0 done, 2 bad input (one line says what and how to mend it), 1 failure.
+Exit codes: 0 done, 2 bad input (one line says what and how to mend it), 1 failure,
+130 interrupted.
 """
 
 

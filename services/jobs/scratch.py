@@ -53,7 +53,11 @@ def scratch_folder() -> Iterator[Path]:
 def clear_abandoned() -> int:
     """Remove folders of this machine's processes that live no more; returns how many."""
     count = 0
-    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+    try:
+        place = Path(tempfile.gettempdir())
+    except FileNotFoundError:  # no folder can be written to, as each job will say while it waits
+        return count
+    for folder in place.glob(f"{PREFIX}*"):
         try:
             handle = _locked(folder)
         except OSError:  # in use, another user's, or gone meanwhile

@@ -108,7 +108,9 @@ class JobWorker:
         try:
             scratch = make_scratch()
         except OSError as error:
-            self._give_back_for_now(claim, f"no folder to work in: {error}")
+            self._give_back_for_now(
+                claim, f"no folder to work in: {error}; make room in TMPDIR, or name another folder in it"
+            )
             return
         try:
             with self._database.read() as session:
@@ -118,7 +120,9 @@ class JobWorker:
             try:
                 self._runner.start(Call(self._work, (task,), {"job": claim.id, "kind": claim.kind}))
             except OSError as error:
-                self._give_back_for_now(claim, f"no process to work in: {error}")
+                self._give_back_for_now(
+                    claim, f"no process to work in: {error}; free memory or processes on this machine"
+                )
                 return
             outcome = self._watch(claim)
         finally:
@@ -204,7 +208,10 @@ class JobWorker:
         return now - away.since < self._settings.job_cluster_patience_s
 
     def _give_back_for_now(self, claim: Claim, why: str) -> None:
-        """What cannot be done here and now is no fault of the job: it is begun again a little later."""
+        """What cannot be done here and now is no fault of the job: it is begun again a little later, here or elsewhere.
+
+        A machine without room would begin no other job either, so that there is no end to waiting for it.
+        """
         log.error("job_waits", job=claim.id, reason=why)
         self._insist(lambda: self._queue.release(claim, count_attempt=False, message=f"waits: {why}"))
         self._stopping.wait(PAUSE_S)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -225,3 +227,66 @@ def test_an_empty_object_of_pins_leaves_the_sets() -> None:
     for own in ({"pins_m": {}}, {"pins_m": {"hanging": {}}}):
         assert common.overridden_by(SetupDocument.model_validate(own)).pins_m == common.pins_m
     assert common.overridden_by(SetupDocument.model_validate({"pins_m": None})).pins_m is None
+
+
+def whole() -> dict[str, Any]:
+    """A document with every key that the format names."""
+    setup = {
+        "sample_size_m": [0.5, 0.5],
+        "camera_from_panel": [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 1], [0, 0, 0, 1]],
+        "panel": True,
+        "pins_m": {"hanging": {"top_left": [-0.2, 0, 0]}},
+        "pin_radius_m": 0.01,
+    }
+    camera = {**good()["camera"], "distortion": [0.0] * 5}
+    fabric = {"id": "a", "density": 0.2, "parameters": SIX, "parameters_cv": 0.07, "density_cv": 0.02}
+    capture = {**good()["captures"][0], "repeat": 0, "camera": camera, "setup": setup}
+    sensor = {"range_noise_m": 0.001, "at_m": 0.9, "quantisation_m": 0.0002}
+    top = {"name": "all", "camera": camera, "sensor": sensor, "setup": setup}
+    return {"format": FORMAT, **top, "fabrics": [fabric], "captures": [capture]}
+
+
+def spoilt(value: Any) -> Iterator[Any]:
+    """A value with each of its parts in turn left out, or something else in its place."""
+    for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+        inner = spoilt(part) if isinstance(part, dict | list) else ()
+        for other in (None, -1, 0, 0.5, 1, "", "x", True, [], {}, *inner):
+            changed = copy.copy(value)
+            changed[key] = other
+            yield changed
+        changed = copy.copy(value)
+        del changed[key]
+        yield changed
+
+
+def test_what_the_printed_schema_takes_is_what_the_contract_takes(shared_dir: Path) -> None:
+    contract = jsonschema.Draft202012Validator(
+        json.loads((shared_dir / "contracts" / "capture-set.schema.json").read_text())
+    )
+    printed = jsonschema.Draft202012Validator(json_schema())
+    taken = [document for document in (whole(), *spoilt(whole())) if printed.is_valid(document)]
+    assert whole() in taken and len(taken) > 20
+    refused = {f"{list(error.path)}: {error.message}" for document in taken for error in contract.iter_errors(document)}
+    assert refused == set()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "taken"),
+    [
+        ("fabrics/0/density", 0, False),
+        ("fabrics/0/density", None, True),
+        ("fabrics/0/parameters", {**SIX, "bending_warp": 0}, False),
+        ("fabrics/0/parameters", None, True),
+        ("fabrics/0/parameters_cv", None, False),
+        ("captures/0/repeat", None, False),
+        ("captures/0/camera", None, False),
+        ("setup", {"camera_from_panel": None}, True),
+        ("setup", {"panel": None}, False),
+        ("sensor", None, False),
+        ("name", None, False),
+    ],
+)
+def test_the_printed_schema_takes_null_where_the_format_has_it_and_no_fabric_of_nothing(
+    key: str, value: Any, taken: bool
+) -> None:
+    assert jsonschema.Draft202012Validator(json_schema()).is_valid(put(key, value)) is taken

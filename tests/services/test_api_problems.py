@@ -153,6 +153,52 @@ def test_validation_problems_name_the_field(client: httpx.Client) -> None:
     assert problem(answer)["errors"][0]["pointer"] == "body/b/bending_warp"
 
 
+DRAFT = {"format": "drapemeter-simulator/1", "effects": [{"name": "air_draft", "size": {"magnitude": "0.3"}}]}
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "field"),
+    [
+        ("datasets", {"materials": "2"}, "materials"),
+        ("datasets", {"materials": 2, "jitters": True}, "jitters"),
+        ("datasets", {"materials": 2, "inclinations": 1.5}, "inclinations"),
+        ("datasets", {"materials": 2, "resolution_m": "0.05"}, "resolution_m"),
+        ("datasets", {"materials": 2, "seed": False}, "seed"),
+        ("datasets", {"materials": 2, "simulator": {"effects": [], "pin_radius_m": "0"}}, "simulator/pin_radius_m"),
+        ("datasets", {"materials": 2, "simulator": DRAFT}, "simulator/effects/0/size/magnitude"),
+        ("drape-distances", {**COMPARE, "simulations": True}, "simulations"),
+        ("fabrics/search", {**QUICK, "reference": STIFF, "limit": "5"}, "limit"),
+    ],
+)
+def test_a_text_or_a_truth_value_is_no_number(
+    client: httpx.Client, path: str, body: dict[str, Any], field: str
+) -> None:
+    answer = client.post(f"/v1/{path}", json=body)
+    assert answer.status_code == 422
+    assert [error["pointer"] for error in problem(answer)["errors"]] == [f"body/{field}"]
+
+
+def test_whole_numbers_may_have_a_point(client: httpx.Client) -> None:
+    """As JSON Schema has it; what is refused is the scene given twice."""
+    answer = client.post("/v1/datasets", json={"materials": 2.0, "seed": 1.0, "scenes": ["hanging"] * 2})
+    assert problem(answer)["code"] == "scenes"
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("POST", "/openapi.json", "GET, HEAD"),
+        ("PATCH", "/v1/fabrics", "GET, HEAD, POST"),
+        ("POST", "/v1/fabrics/fab_x", "DELETE, GET, HEAD, PUT"),
+    ],
+)
+def test_a_method_that_a_path_does_not_have_is_told_which_it_has(
+    client: httpx.Client, method: str, path: str, allowed: str
+) -> None:
+    answer = client.request(method, path)
+    assert (answer.status_code, answer.headers["allow"]) == (405, allowed)
+
+
 def test_a_request_longer_than_allowed_is_refused_whether_announced_or_not(client: httpx.Client) -> None:
     long = b"x" * (3 * 1024 * 1024)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -71,6 +72,11 @@ def test_errors_become_one_line_and_an_exit_code(
     assert captured.err.count("\n") <= 1
     if line is not None:
         assert captured.err == line + "\n"
+
+
+def test_the_overview_names_every_exit_code() -> None:
+    said = {int(number) for number in re.findall(r"\d+", main.OVERVIEW.partition("Exit codes: ")[2])}
+    assert said == {0, main.EXIT_FAILURE, main.EXIT_BAD_INPUT, main.EXIT_INTERRUPTED}
 
 
 def test_an_unforeseen_error_is_one_line_and_debug_shows_the_traceback(

@@ -27,6 +27,16 @@ def hold(connection: Connection, place: str) -> None:
     connection.recv()
 
 
+def test_where_no_folder_can_be_written_to_there_is_nothing_to_clear(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker that starts on a full disk gets as far as its jobs, which say so."""
+
+    def full() -> str:
+        raise FileNotFoundError(2, "No usable temporary directory found in ['/tmp']")
+
+    monkeypatch.setattr(tempfile, "gettempdir", full)
+    assert clear_abandoned() == 0
+
+
 def test_a_folder_is_cleared_once_its_process_is_gone(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     spawn = multiprocessing.get_context("spawn")
     ours, theirs = spawn.Pipe()

@@ -159,6 +159,26 @@ def test_what_this_machine_lacks_costs_no_attempt(database: Database, monkeypatc
     assert (job.status, job.attempts) == (JobStatus.SUCCEEDED, 1)
 
 
+def test_a_job_waits_for_room_however_long_and_says_what_would_make_it(
+    database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.0)
+
+    def full() -> Path:
+        raise OSError(28, "No space left on device", "/tmp/drapemeter-scratch-x")
+
+    monkeypatch.setattr("services.jobs.worker.make_scratch", full)
+    settings = Settings(database=str(database.url), job_cluster_patience_s=0.0)
+    worker, job_id = JobWorker(settings, database, Working(1), threading.Event()), add(database)
+    for _ in range(2):
+        claim = JobQueue(database, lease_s=30, max_attempts=1).claim(worker.name)
+        assert claim is not None
+        worker.work(claim)
+    job = read_job(database, job_id)
+    assert (job.status, job.attempts) == (JobStatus.QUEUED, 0)
+    assert "No space left" in job.message and job.message.endswith("make room in TMPDIR, or name another folder in it")
+
+
 def test_a_job_outlives_a_database_that_is_away_for_longer_than_its_lease(
     database: Database, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from metric.backends import check_backend
 from services.jobs.task import Report, Resources
-from services.schemas import Strict
+from services.schemas import Number, Strict, Whole
 from simcore.mesh import GridMesh
 
 if TYPE_CHECKING:
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 class SimulationInputs(Strict):
     """How fabrics are simulated and compared."""
 
-    simulations: int = Field(default=5, ge=1, le=100, description="Simulations of each fabric in each scene.")
+    simulations: Whole = Field(default=5, ge=1, le=100, description="Simulations of each fabric in each scene.")
     backend: str = Field(
         default="lpips",
         max_length=40,
         description="Image distance: `lpips` as people see it, `depth` needs no weights.",
     )
-    resolution_m: float = Field(default=0.01, ge=0.002, le=0.05, description="Edge of a mesh cell [m].")
-    seed: int = Field(default=0, ge=0, le=2**31 - 1)
+    resolution_m: Number = Field(default=0.01, ge=0.002, le=0.05, description="Edge of a mesh cell [m].")
+    seed: Whole = Field(default=0, ge=0, le=2**31 - 1)
 
     def plan(self) -> SimulationPlan:
         """The same for :mod:`metric.simulate`; this process does the work itself."""

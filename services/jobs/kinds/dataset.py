@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field
 
 from services.jobs.task import Report, Task, TaskOutput
 from services.patterns import PRINTABLE
-from services.schemas import Strict
+from services.schemas import Number, Strict, Whole
 from simcore.errors import DrapemeterError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class SimulatorEffect(Strict):
     """An effect that is simulated beyond the baseline."""
 
     name: str = Field(max_length=60, pattern=PRINTABLE, description="As in the catalogue of effects.")
-    size: dict[Annotated[str, Field(max_length=60, pattern=PRINTABLE)], float] = Field(
+    size: dict[Annotated[str, Field(max_length=60, pattern=PRINTABLE)], Number] = Field(
         max_length=8, description="Its components, in the effect's unit; `magnitude` for one number."
     )
 
@@ -48,7 +48,7 @@ class SimulatorDocument(Strict):
 
     format: Literal["drapemeter-simulator/1"] = "drapemeter-simulator/1"
     effects: tuple[SimulatorEffect, ...] = Field(max_length=8)
-    pin_radius_m: float | None = Field(
+    pin_radius_m: Number | None = Field(
         default=None, ge=0.0, le=0.1, description="What a magnet holds round its corner [m], 0 for a point."
     )
 
@@ -58,15 +58,15 @@ class DatasetInputs(Strict):
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"materials": 4, "jitters": 1, "resolution_m": 0.02}]})
 
-    materials: int = Field(ge=1, le=1_000_000, description="Fabrics.")
-    jitters: int = Field(default=2, ge=1, le=1000, description="Repeats of each fabric in each scene.")
-    inclinations: int = Field(default=11, ge=1, le=101, description="Pictures of each drape, evenly over ±5 degrees.")
+    materials: Whole = Field(ge=1, le=1_000_000, description="Fabrics.")
+    jitters: Whole = Field(default=2, ge=1, le=1000, description="Repeats of each fabric in each scene.")
+    inclinations: Whole = Field(default=11, ge=1, le=101, description="Pictures of each drape, evenly over ±5 degrees.")
     scenes: tuple[Literal["hanging", "stretch"], ...] = Field(
         default=("hanging", "stretch"), min_length=1, max_length=2
     )
     design: Literal["sobol", "random", "grid"] = Field(default="sobol", description="How fabrics are chosen.")
-    resolution_m: float = Field(default=0.01, ge=0.002, le=0.05, description="Edge of a mesh cell [m].")
-    seed: int = Field(default=0, ge=0, le=2**31 - 1)
+    resolution_m: Number = Field(default=0.01, ge=0.002, le=0.05, description="Edge of a mesh cell [m].")
+    seed: Whole = Field(default=0, ge=0, le=2**31 - 1)
     simulator: SimulatorDocument | None = Field(
         default=None, description="Effects to simulate with, as `drapemeter diagnose --apply` writes them."
     )

@@ -10,7 +10,7 @@ from services.jobs.files import FileContent
 from services.jobs.kinds.common import SimulationInputs, counting, simulation_runner
 from services.jobs.task import Report, Task, TaskOutput
 from services.patterns import PRINTABLE
-from services.schemas import EXAMPLE_PARAMETERS, Parameters
+from services.schemas import EXAMPLE_PARAMETERS, Parameters, Whole
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ class FabricSearchInputs(SimulationInputs):
     fabric_id: str | None = Field(
         default=None, max_length=48, pattern=PRINTABLE, description="Or a fabric of the library."
     )
-    limit: int = Field(default=10, ge=1, le=200, description="How many to return.")
+    limit: Whole = Field(default=10, ge=1, le=200, description="How many to return.")
 
     def check(self) -> None:
         """As for all simulations; exactly one reference is needed.
