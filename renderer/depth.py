@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,15 +28,20 @@ class DepthBuffers:
         cloth: the pixel shows cloth, bool [H, W].
         triangle: index of the cloth's triangle, int32 [H, W]; -1 where there is no cloth.
         barycentric: weights of the triangle's second and third corner, float32 [H, W, 2]; 0 where there is no cloth.
-        normals: smooth unit normals of the side that is seen, camera frame, float32 [H, W, 3]; the panel's own on
-            the panel, 0 where there is nothing.
     """
 
     depth: NDArray[np.float32]
     cloth: NDArray[np.bool_]
     triangle: NDArray[np.int32]
     barycentric: NDArray[np.float32]
-    normals: NDArray[np.float32]
+    _make_normals: Callable[[], NDArray[np.float32]] = field(repr=False, compare=False)
+
+    @cached_property
+    def normals(self) -> NDArray[np.float32]:
+        """Smooth unit normals of the side that is seen, camera frame, float32 [H, W, 3]; the panel's own on the panel,
+        0 where there is nothing; made when they are asked for.
+        """
+        return self._make_normals()
 
 
 def render_depth(
@@ -113,13 +119,17 @@ def render_buffers(
     hits = scene.cast(camera, pose)
     behind = panel_depth(camera, pose) if panel else None
     depth, cloth = _compose(hits, behind)
-    normals = hit_normals(scene, hits, camera, pose)
-    normals[~cloth] = 0.0
-    if panel:
-        normals[(depth > 0.0) & ~cloth] = pose[:3, 2]
+
+    def make_normals() -> NDArray[np.float32]:
+        normals = hit_normals(scene, hits, camera, pose)
+        normals[~cloth] = 0.0
+        if panel:
+            normals[(depth > 0.0) & ~cloth] = pose[:3, 2]
+        return normals
+
     triangle = np.where(cloth, hits.triangle, np.int32(NO_TRIANGLE))
     barycentric = np.where(cloth[..., None], hits.barycentric, np.float32(0.0))
-    return DepthBuffers(depth, cloth, triangle, barycentric, normals)
+    return DepthBuffers(depth, cloth, triangle, barycentric, make_normals)
 
 
 def panel_depth(camera: Camera, camera_from_panel: ArrayLike) -> NDArray[np.float32]:

@@ -228,6 +228,21 @@ def _of_blocks(blocks: Sequence[Block], name: str | None, weights: Array, model:
     return _over_blocks(_known(blocks, name).log_likelihood(weights, model), model)
 
 
+def _at_places(blocks: Sequence[Block], name: str, weights: Array, places: int, model: LikelihoodModel) -> Array:
+    """The same of an effect at each of its places, [blocks, places, sizes].
+
+    Args:
+        blocks, name, model: see :func:`_of_blocks`.
+        weights: of the responses at the nodes of one place, [sizes, nodes].
+        places: how many it is tried at; responses at one lie beside each other.
+    """
+    if not blocks:
+        return np.zeros((0, places, len(weights)))
+    known, nodes = _known(blocks, name), weights.shape[1]
+    parts = [known.at(slice(n * nodes, (n + 1) * nodes)).log_likelihood(weights, model) for n in range(places)]
+    return np.stack([_over_blocks(part, model) for part in parts], axis=1)
+
+
 def _known(blocks: Sequence[Block], name: str | None) -> Known:
     """Of all blocks, each with its stated parameters and as if they were wrong."""
     views = [view for block in blocks for view in block.views]
@@ -251,15 +266,17 @@ def _tabulate_scalar(
     sizes = grid(effect)
     weights = [interpolation(effect, sizes)] if as_simulated else response_forms(effect, sizes)
     places = len(effect.tried)
-    own = [np.asarray(np.kron(np.eye(places), form)) for form in weights]
     values = []
-    of_all = _of_blocks(blocks, effect.name, np.concatenate(own), model).reshape(len(blocks), len(own), -1)
-    for block, of_one in zip(blocks, of_all, strict=True):
+    of_all = _at_places(blocks, effect.name, np.concatenate(weights), places, model)
+    by_form = (
+        of_all.reshape(len(blocks), places, len(weights), -1).swapaxes(1, 2).reshape(len(blocks), len(weights), -1)
+    )
+    for block, of_one in zip(blocks, by_form, strict=True):
         found = list(of_one)
         for name, forms in _twin_forms(effect, sizes, block, as_simulated):
             found += list(_of_blocks([block], name, np.concatenate(forms), model).reshape(len(forms), -1))
         values.append(np.asarray(np.logaddexp.reduce(found, axis=0) - np.log(len(found))))
-    seen = own[0] @ pixels.responses[effect.name]
+    seen = np.kron(np.eye(places), weights[0]) @ pixels.responses[effect.name]
     return Table(
         effect.name,
         tuple(values),

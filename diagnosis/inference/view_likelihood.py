@@ -69,6 +69,19 @@ class Known:
             self.tried,
         )
 
+    def at(self, rows: slice) -> Known:
+        """Of some of the responses that are tried, with all that were taken away before."""
+        kept = np.r_[np.arange(self.tried)[rows], self.tried : self.products.shape[1]]
+        return Known(
+            self.scenes,
+            self.count,
+            self.whole,
+            self.log_det,
+            self.products[:, kept[:, None], kept],
+            self.along[:, kept],
+            len(range(self.tried)[rows]),
+        )
+
     def log_likelihood(self, weights: Array, model: LikelihoodModel) -> Array:
         """With the responses of many sizes taken away, [b, sizes].
 

@@ -59,6 +59,8 @@ def _outside(known: NDArray[np.bool_], reference: Reference) -> NDArray[np.bool_
 
     They are no holes. Single pixels without data at a full picture's rim are.
     """
+    if known.all():
+        return np.zeros_like(known)
     outside = ~ndimage.binary_fill_holes(known)
     return ndimage.binary_opening(outside, iterations=2) if reference.panel.any() else np.asarray(outside)
 

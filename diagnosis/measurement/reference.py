@@ -64,11 +64,16 @@ def make_reference(drape: Drape, scene: SimulationScene, *, least_pixels: int = 
 
     mesh = drape.mesh
     seen = render_buffers(
-        drape.vertices, mesh.triangles, scene.camera, scene.camera_from_panel, panel=scene.setup.panel
+        drape.vertices,
+        mesh.triangles,
+        scene.camera,
+        scene.camera_from_panel,
+        panel=scene.setup.panel,
     )
-    uv = mesh.uv[mesh.triangles[np.maximum(seen.triangle, 0)]]  # [H, W, 3, 2]
-    second, third = seen.barycentric[..., :1], seen.barycentric[..., 1:]
-    place = uv[..., 0, :] * (1 - second - third) + uv[..., 1, :] * second + uv[..., 2, :] * third
+    place = np.zeros((*seen.cloth.shape, 2))  # of the cloth's pixels alone
+    uv = mesh.uv[mesh.triangles[seen.triangle[seen.cloth]]]  # [pixels, 3, 2]
+    second, third = np.split(seen.barycentric[seen.cloth], 2, axis=1)
+    place[seen.cloth] = uv[:, 0] * (1 - second - third) + uv[:, 1] * second + uv[:, 2] * third
     index = np.minimum((place * CELLS).astype(np.int32), CELLS - 1)
     cell = np.where(seen.cloth, index[..., 1] * CELLS + index[..., 0], -1).astype(np.int32)
     panel = (seen.depth > 0) & ~seen.cloth

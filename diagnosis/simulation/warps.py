@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from diagnosis.measurement.reference import Reference
 from diagnosis.simulation.variations import clean
 from renderer.camera import Camera
 
+Mask = NDArray[np.bool_]
 WARP = 0.01
 """Share by which a picture is stretched along rows or columns, or sheared along either."""
 DIRECTIONS = np.eye(4).reshape(4, 2, 2)
@@ -39,5 +42,24 @@ def warped(depth: NDArray[np.float32], matrix: NDArray[np.float64], centre: NDAr
 
     offset = centre - matrix @ centre
     values = affine_transform(depth, matrix, offset, order=1)
-    known = affine_transform((depth > 0).astype(np.float32), matrix, offset, order=1)
-    return np.where(known > 0.999, values, np.float32(0.0))
+    known = depth > 0
+    if known.all():
+        shown = _of_a_full_picture(depth.shape, matrix.tobytes(), offset.tobytes())
+    else:
+        shown = _still_known(known, matrix, offset)
+    return np.where(shown, values, np.float32(0.0))
+
+
+def _still_known(known: NDArray[np.bool_], matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> Mask:
+    from scipy.ndimage import affine_transform
+
+    return np.asarray(affine_transform(known.astype(np.float32), matrix, offset, order=1) > 0.999)
+
+
+@lru_cache(maxsize=8)
+def _of_a_full_picture(shape: tuple[int, int], matrix: bytes, offset: bytes) -> Mask:
+    """The same of a picture that has data everywhere: captures of one camera are warped alike."""
+    rows, shift = np.frombuffer(matrix).reshape(2, 2), np.frombuffer(offset)
+    found = _still_known(np.ones(shape, dtype=bool), rows, shift)
+    found.setflags(write=False)
+    return found

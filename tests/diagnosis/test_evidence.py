@@ -11,10 +11,11 @@ from diagnosis.effect import SCALAR
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.inference.block import Block, PixelBlock, View
 from diagnosis.inference.cause import name_cause
-from diagnosis.inference.evidence import tabulate, tabulate_nothing
+from diagnosis.inference.evidence import _at_places, _of_blocks, tabulate, tabulate_nothing
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel, feature_covariance
-from diagnosis.simulation.sizes import FITTED_SHARE, node_weights, nodes
+from diagnosis.inference.subtract import without
+from diagnosis.simulation.sizes import FITTED_SHARE, grid, interpolation, node_weights, nodes
 from tests.diagnosis.bare_capture import BARE_CELLS, BARE_LENGTH, bare_capture
 from tests.diagnosis.response_rows import random_rows, still_rows
 
@@ -43,6 +44,21 @@ def a_set(name: str, size: dict[str, float], shown: range, scene: str = "stretch
         blocks.append(block(fabric, scene, effect + rng.standard_normal(COUNT), responses))
     still = {n: np.zeros((len(rows), 1)) for n, rows in blocks[0].stated.responses.items()}
     return blocks, PixelBlock(np.zeros(1), still, sensor_known=False)
+
+
+@pytest.mark.parametrize("taken", [(), ("air_draft",)])
+def test_places_are_weighed_one_by_one_as_they_would_be_all_together(taken: tuple[str, ...]) -> None:
+    """What an effect does at one place says nothing of another one."""
+    curled = {SCALAR: 20.0, **get_effect("edge_curl").tried[2]}
+    blocks, _ = a_set("edge_curl", curled, range(FABRICS))
+    for name in taken:
+        blocks = [without(one, name, {SCALAR: 0.2}) for one in blocks]
+    effect, model = get_effect("edge_curl"), LikelihoodModel()
+    weights, places = interpolation(effect, grid(effect)), len(effect.tried)
+    whole = _of_blocks(blocks, "edge_curl", np.asarray(np.kron(np.eye(places), weights)), model)
+    parts = _at_places(blocks, "edge_curl", weights, places, model)
+    assert places > 1
+    np.testing.assert_allclose(parts.reshape(len(blocks), -1), whole, rtol=1e-12, atol=1e-9)
 
 
 def test_an_effect_that_all_fabrics_show_is_named_with_its_size() -> None:

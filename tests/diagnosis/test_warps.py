@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import affine_transform
 
 from diagnosis.measurement.features import measure
 from diagnosis.measurement.reference import Reference
@@ -43,6 +44,16 @@ def test_what_nothing_is_known_of_stays_unknown() -> None:
     moved = warped(depth, np.diag([1.05, 1.0]), CENTRE)
     assert set(np.unique(moved)) <= {np.float32(0.0), np.float32(1.0)}
     assert np.count_nonzero(moved[:, 128] == 0.0) > 95
+
+
+@pytest.mark.parametrize("matrix", [np.diag([1.01, 1.0]), np.diag([1.0, 0.99]), np.array([[1.0, 0.01], [0.0, 1.0]])])
+def test_where_a_full_picture_is_known_is_found_once_for_all_pictures(matrix: np.ndarray) -> None:
+    offset, ones = CENTRE - matrix @ CENTRE, np.ones((SIDE, SIDE), dtype=np.float32)
+    inside = affine_transform(ones, matrix, offset, order=1) > 0.999
+    for near in (0.8, 0.9, 0.8):
+        depth = near * slope_picture().depth
+        expected = np.where(inside, affine_transform(depth, matrix, offset, order=1), np.float32(0.0))
+        np.testing.assert_array_equal(warped(depth, matrix, CENTRE), expected)
 
 
 @pytest.mark.parametrize("share", [0.01, -0.01])
