@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -133,12 +133,18 @@ def render_buffers(
 
 
 def panel_depth(camera: Camera, camera_from_panel: ArrayLike) -> NDArray[np.float32]:
-    """z-depth of the plane z = 0 of the panel frame, exact, float32 [H, W]; ``inf`` where a ray misses it.
+    """z-depth of the plane z = 0 of the panel frame, exact, float32 [H, W], read-only; ``inf`` where a ray misses it.
 
     Raises:
         InputError: the camera stands behind the panel.
     """
-    pose = check_pose(camera_from_panel)
+    return _panel_depth(camera, check_pose(camera_from_panel).tobytes())
+
+
+@lru_cache(maxsize=8)
+def _panel_depth(camera: Camera, pose_bytes: bytes) -> NDArray[np.float32]:
+    """Of a pose [4, 4] in float64: one camera looks at one panel again and again."""
+    pose = np.frombuffer(pose_bytes).reshape(4, 4)
     normal, origin = pose[:3, 2], pose[:3, 3]
     distance = float(normal @ origin)  # negative: the camera is on the front side
     if distance >= 0.0:
@@ -148,8 +154,9 @@ def panel_depth(camera: Camera, camera_from_panel: ArrayLike) -> NDArray[np.floa
         )
     slope = ray_directions(camera) @ normal
     with np.errstate(divide="ignore"):
-        depth = np.where(slope < 0.0, distance / slope, np.inf)
-    return depth.astype(np.float32)
+        depth = np.where(slope < 0.0, distance / slope, np.inf).astype(np.float32)
+    depth.setflags(write=False)
+    return np.asarray(depth)
 
 
 def hit_normals(
