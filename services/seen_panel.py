@@ -19,7 +19,7 @@ def shows_panel(scene: SimulationScene, depth_unit_m: float) -> bool:
     Raises:
         InputError: the camera stands behind the panel, or 16 bits of this unit do not hold its depths.
     """
-    seen = panel_depth(scene.camera, scene.camera_from_panel)
-    seen[np.isinf(seen)] = 0.0  # rays that miss it
+    depth = panel_depth(scene.camera, scene.camera_from_panel)
+    seen = np.where(np.isinf(depth), np.float32(0.0), depth)  # rays that miss it show nothing
     read = scene.sensor.apply(seen, np.random.default_rng(0), camera=scene.camera)
     return bool(quantise_depth(read, depth_unit_m).any())

@@ -157,4 +157,4 @@ def test_the_same_bits_whatever_layer_of_threads_the_environment_names(layer: st
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_too_little_memory_is_said(repository: Path) -> None:
     done = run(repository, str(8 << 20))
-    assert done.returncode == 1 and "SimulationError: out of memory: 11163 equations" in done.stderr, done.stderr
+    assert done.returncode == 1 and "OutOfMemoryError: out of memory: 11163 equations" in done.stderr, done.stderr
