@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
@@ -31,14 +32,13 @@ def cause_report(cause: Cause, blocks: Sequence[Block], pixels: PixelBlock, mode
         if not get_effect(name).random_repeats:
             near |= set(not_separable(name, cause.size(name), blocks, pixels, model))
         alike[name] = tuple(sorted((near - unlike) & set(cause.probabilities)))
-    said = {"both_probability": cause.both_probability} if len(cause.named) == 2 else {}
+    of_two: dict[str, Any] = {"both_probability": cause.both_probability, "alike": alike}
     return CauseReport(
         probabilities=dict(cause.probabilities),
         top=cause.top,
         effects=tuple(_found(cause, name) for name in cause.named),
         not_separable_from=tuple(sorted({other for near in alike.values() for other in near})),
-        **said,
-        **({"alike": alike} if len(alike) == 2 else {}),
+        **(of_two if len(cause.named) == 2 else {}),
     )
 
 

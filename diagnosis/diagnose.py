@@ -157,7 +157,6 @@ def diagnose(
             before, results = results, workers.map(partial(explain_fabric, cache=kept), found)
             for result, first in zip(results, before, strict=True):
                 result.cost.add(first.cost)
-        assumed += _of_states(results)
         return conclude(
             results,
             effects,
@@ -248,6 +247,7 @@ class _Conclusion:
             return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known, without=without)
 
         cause, measured = judged(cause, measure)
+        assumed = (*assumed, *_of_states(results))  # of those that the answer rests on
         if measured is not None:
             assumed = (*assumed, *not_at_rest_with(measured.held, looks))
         if cause.named and measured is None:
@@ -302,8 +302,7 @@ class _Conclusion:
         cache = first.simulator.cache
         again = self.workers.map(partial(explain_fabric, cache=cache), [with_other_grip(r.task) for r in results])
         new = {r.task.id: FreshLook(Simulator(cache), r) for r in again}
-        of_these = _of_states(results)  # as stated: what follows is of the magnets found
-        said = (*(line for line in assumed if line not in of_these), *_of_states(again), held.sentence(stated))
+        said = (*assumed, held.sentence(stated))
         found = self.of(again, new, said, began, lpips, spent=_cost(results, looks, Cost()))
         return replace(found, pin_radius_m=again[0].task.captures[0].scene.setup.pin_radius_m)
 

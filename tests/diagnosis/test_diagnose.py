@@ -10,12 +10,13 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from diagnosis.diagnose import DiagnosisOptions, diagnose
+from diagnosis.diagnose import DiagnosisOptions, conclude, diagnose
 from diagnosis.extension import SimulatorExtension
 from diagnosis.pages.html import render_html
 from diagnosis.pages.sentence import sentence
 from diagnosis.report import GapReport
 from diagnosis.simulation.drape_cache import DrapeCache
+from simcore.drape import DrapeStatus
 from simcore.errors import InputError
 from tests.diagnosis.conftest import CANDIDATES, Diagnose, MakeSet
 
@@ -124,3 +125,19 @@ def test_report_is_frozen(plain: GapReport) -> None:
     assert not dataclasses.is_dataclass(plain)
     with pytest.raises(ValueError, match="frozen"):
         plain.parameters_refitted = False  # type: ignore[misc]  # that is what is tested
+
+
+def test_a_state_that_is_not_at_rest_is_told_of_whoever_simulated_it(make_set: MakeSet, explain: Diagnose) -> None:
+    """Also one that a closer look put in another's place, or that is held otherwise than stated."""
+    first, *others = explain(make_set()).results
+    bases = [
+        dataclasses.replace(c.base, drape=dataclasses.replace(c.base.drape, status=DrapeStatus.NOT_STILL))
+        for c in first.captures
+    ]
+    captures = tuple(dataclasses.replace(c, base=base) for c, base in zip(first.captures, bases, strict=True))
+    told = conclude([dataclasses.replace(first, captures=captures), *others], CANDIDATES, ("as stated",)).report.assumed
+    assert told[0] == "as stated"
+    assert {line.split(" is compared")[0] for line in told if "not at rest" in line} == {
+        f"fabric {first.task.id} in {scene}" for scene in {c.scene for c in captures}
+    }
+    assert not any("not at rest" in line for line in conclude([first, *others], CANDIDATES).report.assumed)

@@ -31,15 +31,21 @@ class EndlessChild:
         self.stopped = True
 
 
+async def _asked(queue: int) -> tuple[Inference, EndlessChild, list[asyncio.Task[object]]]:
+    """As many estimates as are taken, of which the first is under way."""
+    running = Inference(queue=queue, timeout_s=60.0)
+    child = running._child
+    assert isinstance(child, EndlessChild)
+    waiting = [asyncio.create_task(running.run(Call(abs, (-1,)))) for _ in range(queue)]
+    await asyncio.to_thread(child.begun.wait, 30)
+    return running, child, waiting
+
+
 def test_whoever_waits_is_told_of_the_servers_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(inference, "ChildProcess", EndlessChild)
 
     async def ask() -> EndlessChild:
-        running = Inference(queue=1, timeout_s=60.0)
-        child = running._child
-        assert isinstance(child, EndlessChild)
-        waiting = asyncio.create_task(running.run(Call(abs, (-1,))))
-        await asyncio.to_thread(child.begun.wait, 30)
+        running, child, (waiting,) = await _asked(1)
         with pytest.raises(InferenceBusyError, match="too many estimates are waiting") as busy:
             await running.run(Call(abs, (-1,)))
         assert busy.value.code == "estimates_saturated" and busy.value.retry_after_s >= 1
@@ -68,11 +74,7 @@ def test_estimates_end_before_the_server_cuts_requests_off(monkeypatch: pytest.M
     monkeypatch.setattr(inference, "ChildProcess", EndlessChild)
 
     async def ask() -> None:
-        running = Inference(queue=2, timeout_s=60.0)
-        child = running._child
-        assert isinstance(child, EndlessChild)
-        waiting = [asyncio.create_task(running.run(Call(abs, (-1,)))) for _ in range(2)]
-        await asyncio.to_thread(child.begun.wait, 30)
+        running, _, waiting = await _asked(2)
         running.ask_to_end(0.0)
         for task in (*waiting, asyncio.create_task(running.run(Call(abs, (-1,))))):
             with pytest.raises(MissingResourceError, match="shutting down: try again") as ended:
