@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from renderer.store_location import is_remote, local_path
-from services.dataset.cluster import ray_cluster
-from simcore.errors import DrapemeterError, InputError
+from services.dataset.cluster import cluster_cpus, ray_cluster
+from simcore.errors import DrapemeterError, InputError, StoreError
 
 if TYPE_CHECKING:
     from trainer.config import TrainConfig
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from trainer.train import Progress
 
 POLL_S = 0.5
+START_ALLOWANCE_S = 900.0
+"""So long it is waited until every rank has its CPUs, as a sweep waits for its workers: a cluster may have to grow."""
 DEATH_S = 10.0
 """So long it is waited for what the other ranks say: where one dies, the others fail of it, and may be heard first."""
 
@@ -106,6 +108,7 @@ def train_on_ray(
     Raises:
         InputError: the store or the cluster cannot be used.
         DrapemeterError: a rank's process died.
+        StoreError: the cluster has not had CPUs for all ranks within :data:`START_ALLOWANCE_S`.
     """
     if ranks < 1:
         raise InputError(f"{ranks} ranks: give at least 1", code="ranks")
@@ -138,9 +141,12 @@ def _train(
 
     actor_class: Any = ray.remote(TrainingRank).options(num_cpus=config.threads, max_concurrency=2)
     actors = [actor_class.remote(store, config, start, rank, ranks) for rank in range(ranks)]
-    runs = [actors[0].meeting_place.remote()]
+    runs = [actors[0].meeting_place.remote(), *(actor.progress.remote() for actor in actors[1:])]
     try:
-        place = ray.get(runs[0])
+        _, absent = ray.wait(runs, num_returns=ranks, timeout=START_ALLOWANCE_S)
+        if absent:
+            raise _too_few_cpus(len(absent), ranks, config.threads)
+        place = ray.get(runs)[0]
         runs = [actor.run.remote(place) for actor in actors]
         waiting = list(runs)
         while waiting:
@@ -161,6 +167,15 @@ def _train(
         for actor in actors:
             ray.kill(actor)
     return model
+
+
+def _too_few_cpus(absent: int, ranks: int, threads: int) -> StoreError:
+    """Of a cluster that has no room for all: those that are there would wait for the others without an end."""
+    return StoreError(
+        f"{absent} of {ranks} ranks have not come up in {START_ALLOWANCE_S:.0f} s: they need {threads} free CPUs each, "
+        f"and the cluster has {cluster_cpus():.0f} in all; try fewer --ranks or --threads",
+        code="workers_missing",
+    )
 
 
 def _reason(runs: list[Any]) -> DrapemeterError | None:

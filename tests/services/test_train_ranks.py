@@ -26,8 +26,11 @@ DAMAGED = failed(StoreError("damaged", code="store_damaged"))
 
 @pytest.fixture
 def ranks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What each rank's run ends with, in the order in which it is heard of; whether a meeting place is found."""
-    given: dict[str, Any] = {"runs": [], "place": "tcp://here:1"}
+    """What each rank's run ends with, in the order in which it is heard of; whether a meeting place is found.
+
+    Beside them, how many have no CPU (``absent``); how many are ended is counted (``killed``).
+    """
+    given: dict[str, Any] = {"runs": [], "place": "tcp://here:1", "absent": 0, "killed": 0}
 
     def actors() -> Iterator[SimpleNamespace]:
         for number in range(len(given["runs"])):
@@ -45,6 +48,9 @@ def ranks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return asked[0] if asked else None
 
     def wait(runs: Sequence[Any], **options: Any) -> tuple[Sequence[Any], Sequence[Any]]:
+        if options["timeout"] == job.START_ALLOWANCE_S:
+            up = len(runs) - given["absent"]
+            return runs[:up], runs[up:]
         return (runs, []) if "num_returns" in options else (runs[-1:], runs[:-1])
 
     made = actors()
@@ -53,7 +59,7 @@ def ranks(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     )
     monkeypatch.setattr("ray.get", get)
     monkeypatch.setattr("ray.wait", wait)
-    monkeypatch.setattr("ray.kill", lambda actor: None)
+    monkeypatch.setattr("ray.kill", lambda actor: given.update(killed=given["killed"] + 1))
     return given
 
 
@@ -93,3 +99,14 @@ def test_a_fault_of_the_program_is_told_as_it_is(ranks: dict[str, Any]) -> None:
     with pytest.raises(RayTaskError) as caught:
         job._train("s.zarr", TrainConfig(), None, 2, None)
     assert caught.value is CUT_OFF
+
+
+def test_ranks_that_find_no_cpu_are_not_waited_for_without_an_end(
+    ranks: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranks.update(runs=[None, None, None], absent=2)
+    monkeypatch.setattr("ray.cluster_resources", lambda: {"CPU": 3.0})
+    told = "2 of 3 ranks have not come up in 900 s: they need 2 free CPUs each, and the cluster has 3 in all"
+    with pytest.raises(StoreError, match=told) as caught:
+        job._train("s.zarr", TrainConfig(threads=2), None, 3, None)
+    assert caught.value.code == "workers_missing" and ranks["killed"] == 3
