@@ -41,6 +41,7 @@ from diagnosis.shrinkage.refutation import judged
 from diagnosis.shrinkage.splits import folds_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Cost, Simulator
+from diagnosis.steps import LOOKS, UNTOLD, Steps, Told
 from diagnosis.tasks.enough import partly_seen
 from diagnosis.tasks.fabric_task import FabricResult, explain_fabric, not_at_rest
 from diagnosis.tasks.preparation import prepare_tasks
@@ -120,15 +121,12 @@ class Diagnosis:
         return replace(self, report=self.report.model_copy(update={"cost": told}))
 
 
-Progress = Callable[[float], None]
-
-
 def diagnose(
     captures: CaptureSet,
     options: DiagnosisOptions = DiagnosisOptions(),
     *,
     cache: DrapeCache | None = None,
-    on_fabric: Progress | None = None,
+    on_step: Told | None = None,
     on_forecast: Callable[[str], None] | None = None,
 ) -> Diagnosis:
     """Find the gap between captures and simulations and name its cause.
@@ -137,7 +135,7 @@ def diagnose(
         captures: the set.
         options: effects, mesh, workers.
         cache: of simulated drapes; the user's by default.
-        on_fabric: called with 1 for every fabric that is done.
+        on_step: told how far it is and what comes now, see :mod:`diagnosis.steps`.
         on_forecast: told beforehand what it will cost.
 
     Raises:
@@ -150,8 +148,10 @@ def diagnose(
     kept = cache or DrapeCache.default()
     if on_forecast is not None:
         on_forecast(forecast(tasks, kept).sentence())
+    steps = Steps(on_step, len(tasks))
+    steps.begin()
     with Workers(min(options.workers, len(tasks))) as workers:
-        results = workers.map(partial(explain_fabric, cache=kept), tasks, on_fabric)
+        results = workers.map(partial(explain_fabric, cache=kept), tasks, steps.fabric)
         found = with_poses_found(results)
         if found is not None:
             before, results = results, workers.map(partial(explain_fabric, cache=kept), found)
@@ -165,6 +165,7 @@ def diagnose(
             cache=kept if options.afresh else None,
             lpips=options.lpips,
             workers=workers,
+            steps=steps,
         )
 
 
@@ -177,6 +178,7 @@ def conclude(
     cache: DrapeCache | None = None,
     lpips: bool = False,
     workers: Workers = ALONE,
+    steps: Steps = UNTOLD,
 ) -> Diagnosis:
     """From simulations to the report.
 
@@ -188,12 +190,13 @@ def conclude(
         cache: where fresh simulations of what may be named are kept; None: statistics alone.
         lpips: measure the shrinkage in LPIPS, too; needs ``cache``.
         workers: that simulate fabrics side by side.
+        steps: told how far it is.
     """
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
 
     with threadpool_limits(1):  # small matrices: more threads cost more than they give
         looks = {} if cache is None else {r.task.id: FreshLook(Simulator(cache), r) for r in results}
-        return _Conclusion(effects, workers).of(list(results), looks, assumed, began, lpips)
+        return _Conclusion(effects, workers, steps).of(list(results), looks, assumed, began, lpips)
 
 
 @dataclass(frozen=True)
@@ -203,12 +206,14 @@ class _Conclusion:
     Attributes:
         effects: names that are tried.
         workers: that simulate fabrics side by side.
+        steps: told how far it is.
         noise: the usual errors; the captures may make smaller ones likely (:mod:`diagnosis.inference.granted`).
         model: of the likelihood.
     """
 
     effects: tuple[str, ...]
     workers: Workers
+    steps: Steps = UNTOLD
     noise: NoiseModel = NoiseModel()
     model: LikelihoodModel = LikelihoodModel()
 
@@ -231,6 +236,7 @@ class _Conclusion:
             if held is not None and held.otherwise:
                 return self._held_otherwise(held, looks, assumed, began, lpips)
             results = [look.result for look in looks.values()]
+            self.steps.look(LOOKS)
             pin = outdone_by_a_pin(looks, name(results), self.effects, scene, self.workers)
         cause = name(results).outdone() if pin else name(results)
         noise = cause.errors
@@ -246,6 +252,7 @@ class _Conclusion:
         def measure(of: Cause, *, known: bool = False, without: Collection[str] = ()) -> Measured | None:
             return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known, without=without)
 
+        self.steps.measure()
         cause, measured = judged(cause, measure)
         assumed = (*assumed, *_of_states(results))  # of those that the answer rests on
         if measured is not None:
@@ -277,20 +284,35 @@ class _Conclusion:
         self, looks: dict[str, FreshLook], name: Name, scene: str, noise: NoiseModel, *, grip: bool
     ) -> tuple[dict[str, FreshLook], Grip | None]:
         """Fabrics as closer looks leave them, cut short where magnets hold otherwise; how they do, if ``grip`` asks."""
-        weigh = partial(self.weigh, noise=noise)
-        looks = look_again(looks, weigh, scene, self.workers)
-        looks = look_alike(looks, weigh, name, scene, self.workers)
-        looks = look_further(looks, weigh, name, scene, self.workers)
-        looks = look_between(looks, weigh, name, scene, self.workers)
+        weigh, workers = partial(self.weigh, noise=noise), self.workers
+        for number, look in enumerate(
+            (
+                lambda seen: look_again(seen, weigh, scene, workers),
+                lambda seen: look_alike(seen, weigh, name, scene, workers),
+                lambda seen: look_further(seen, weigh, name, scene, workers),
+                lambda seen: look_between(seen, weigh, name, scene, workers),
+            ),
+            start=1,
+        ):
+            self.steps.look(number)
+            looks = look(looks)
         likely = name([look.result for look in looks.values()])
-        held = judge_grip(looks, likely, self.workers) if grip else None
+        held = judge_grip(looks, likely, workers) if grip else None
         if held is not None and held.otherwise:
             return looks, held
-        looks = look_beside(looks, likely, scene, self.workers)
-        looks = look_together(looks, name, scene, self.workers)
-        looks = look_through(looks, weigh, name, scene, self.workers)
-        looks = look_for_second(looks, name, scene, self.workers)
-        return look_probed(looks, weigh, name, scene, self.workers), held
+        for number, look in enumerate(
+            (
+                lambda seen: look_beside(seen, likely, scene, workers),
+                lambda seen: look_together(seen, name, scene, workers),
+                lambda seen: look_through(seen, weigh, name, scene, workers),
+                lambda seen: look_for_second(seen, name, scene, workers),
+                lambda seen: look_probed(seen, weigh, name, scene, workers),
+            ),
+            start=5,
+        ):
+            self.steps.look(number)
+            looks = look(looks)
+        return looks, held
 
     def _held_otherwise(
         self, held: Grip, looks: dict[str, FreshLook], assumed: tuple[str, ...], began: float | None, lpips: bool

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -155,8 +156,9 @@ def _diagnose(
     from renderer.atomic import write_atomically
     from services.cli.diagnose_apply import doubts, held_m
 
-    with console.progress("simulating", total=_shown(captures)) as bar:
-        found = run(captures, options, cache=cache, on_fabric=bar.advance, on_forecast=console.note)
+    with console.progress("diagnosing", total=100) as bar:
+        show = partial(_show, bar)
+        found = run(captures, options, cache=cache, on_step=show, on_forecast=console.note)
     make_folder(out, "give another folder for the report")
     earlier = (out / REPORT).exists()
     page = render_html(found, captures.document.name or captures.folder.resolve().name)
@@ -181,6 +183,10 @@ def _diagnose(
     console.say(sentence(found))
     _say_probabilities(found)
     console.say(f"{out / REPORT}, {out / PAGE}")
+
+
+def _show(bar: console.ProgressBar, done: float, what: str) -> None:
+    bar.update(completed=round(100 * done), total=100, description=f"diagnosing, {what}")
 
 
 def _say_probabilities(found: Diagnosis) -> None:

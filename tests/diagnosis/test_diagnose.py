@@ -16,6 +16,7 @@ from diagnosis.pages.html import render_html
 from diagnosis.pages.sentence import sentence
 from diagnosis.report import GapReport
 from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.steps import LOOKS
 from simcore.drape import DrapeStatus
 from simcore.errors import InputError
 from tests.diagnosis.conftest import CANDIDATES, Diagnose, MakeSet
@@ -66,10 +67,19 @@ def test_two_workers_find_what_one_finds(
     explain(captures)
     assert shelf.folder is not None
     found = []
+    steps: list[tuple[float, str]] = []
     for workers in (1, 2):
         shutil.copytree(shelf.folder, tmp_path / str(workers))
-        options = DiagnosisOptions(effects=CANDIDATES, resolution_m=0.02, workers=workers)
-        found.append(diagnose(captures, options, cache=DrapeCache(tmp_path / str(workers))))
+        options, kept = DiagnosisOptions(CANDIDATES, resolution_m=0.02, workers=workers), tmp_path / str(workers)
+        found.append(diagnose(captures, options, cache=DrapeCache(kept), on_step=lambda *step: steps.append(step)))
+    first, second = steps[: len(steps) // 2], steps[len(steps) // 2 :]
+    assert first == second and first == sorted(first, key=lambda step: step[0])
+    count = len({capture.fabric.id for capture in captures.captures})
+    assert [what for _, what in first[: count + 1]] == [f"{done} of {count} fabrics" for done in range(count + 1)]
+    assert [what for _, what in first[count + 1 :]] == [
+        *(f"closer look {number} of {LOOKS}" for number in range(1, LOOKS + 1)),
+        "how far the gap shrinks",
+    ]
     assert found[1].looks["f1"].found  # simulated by another process, and come back
     assert found[1].looks["f1"].beside  # what second effects change where the draft is on
     times = {"cost": {"seconds", "solver_seconds"}}

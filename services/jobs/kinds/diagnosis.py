@@ -10,7 +10,6 @@ from pydantic import Field
 from capture.documents import CaptureDocument, CaptureSetDocument, parse_document
 from services.jobs.archive import CAPTURES_FILE, ArchiveLimits, read_captures_json, unpack
 from services.jobs.files import FileContent
-from services.jobs.kinds.common import counting
 from services.jobs.task import Report, Task, TaskOutput
 from services.schemas import Strict
 from simcore.errors import InputError
@@ -81,10 +80,8 @@ def run(task: Task, report: Report) -> TaskOutput:
     document = parse_document(read_captures_json(content, limits), CAPTURES_FILE)
     unpack(content, task.scratch, limits, picture_names(document))
     captures = CaptureSet.load(task.scratch)
-    shown = {capture.fabric.id for capture in captures.captures}
-    advance = counting(report, len(shown), "fabrics")
     drapes = DrapeCache.default()
-    found = diagnose(captures, options, cache=drapes, on_fabric=lambda _: advance())
+    found = diagnose(captures, options, cache=drapes, on_step=report)
     page = render_html(found, captures.document.name or "capture set")
     found = found.recounted()
     drapes.trim()
