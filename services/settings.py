@@ -54,7 +54,10 @@ class Settings(BaseSettings):
     )
     job_shutdown_grace_s: float = Field(default=5.0, ge=0, le=DAY_S)
     job_cluster_patience_s: float = Field(
-        default=600.0, ge=0, le=366 * DAY_S, description="How long a job waits for a Ray cluster that does not answer."
+        default=600.0,
+        ge=0,
+        le=366 * DAY_S,
+        description="How long a job waits for a Ray cluster that is away, or for room on a disk.",
     )
     job_retention_days: float = Field(default=30.0, gt=0, le=CENTURY_DAYS)
     idempotency_hours: float = Field(default=24.0, gt=0, le=24 * CENTURY_DAYS)

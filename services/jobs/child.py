@@ -17,7 +17,8 @@ from types import FrameType
 
 import structlog
 
-from services.jobs.task import Call, Crashed, Done, Event, Progress, Refused, Report, Throttle
+from renderer.atomic import NO_ROOM as DISK_FULL
+from services.jobs.task import NO_ROOM, Call, Crashed, Done, Event, Progress, Refused, Report, Throttle
 from services.logs import configure_logging
 from simcore.errors import DrapemeterError, InputError
 from simcore.parent import end_with_parent
@@ -26,6 +27,10 @@ STOP_GRACE_S = 10.0
 """Time between asking a process to end and killing it."""
 STOPPED = 128 + signal.SIGTERM
 """Exit status of a process that was told to end."""
+
+_FULL = Refused(
+    NO_ROOM, "no room is left on a disk of the service: make room in its caches' folder and in TMPDIR", False
+)
 
 log = structlog.get_logger("drapemeter.job")
 
@@ -139,7 +144,17 @@ def _outcome(call: Call, report: Report) -> Done | Refused:
     try:
         return Done(call.function(*call.arguments, report=report))
     except DrapemeterError as error:
+        if error.code == "cannot_write" and _is_full(error.__cause__):
+            return _FULL
         return Refused(error.code, str(error), isinstance(error, InputError))
+    except OSError as error:
+        if _is_full(error):
+            return _FULL
+        raise
+
+
+def _is_full(error: BaseException | None) -> bool:
+    return isinstance(error, OSError) and error.errno in DISK_FULL
 
 
 def _leave(_signal: int, _frame: FrameType | None) -> None:

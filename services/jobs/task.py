@@ -68,6 +68,10 @@ class Call:
     about: dict[str, str] = field(default_factory=dict)
 
 
+NO_ROOM = "no_room"
+"""Code of a job that found its disk full."""
+
+
 @dataclass(frozen=True)
 class Progress:
     """Still at work."""

@@ -22,7 +22,7 @@ from services.jobs.execute import execute, gather
 from services.jobs.maintenance import purge
 from services.jobs.queue import Claim, JobQueue
 from services.jobs.scratch import clear_abandoned, make_scratch, remove_scratch
-from services.jobs.task import Call, Crashed, Done, Progress, Refused, Resources, Runner, Task, TaskOutput
+from services.jobs.task import NO_ROOM, Call, Crashed, Done, Progress, Refused, Resources, Runner, Task, TaskOutput
 from services.settings import Settings
 
 POLL_S = 0.3
@@ -34,15 +34,15 @@ PAUSE_S = 5.0
 """How soon a job is begun again that this machine or the cluster could not take on."""
 CLOCK_STEP_S = 2.0
 """By how much this machine's clock may go off from one look to the next before it counts as set, or as having slept."""
-CLUSTER_AWAY = frozenset({"cluster_missing", "cluster_lost", "workers_missing"})
-"""What a job is refused for that is no fault of its own."""
+NO_FAULT = frozenset({"cluster_missing", "cluster_lost", "workers_missing", "store_no_space", NO_ROOM})
+"""What a job is refused for that is no fault of its own: a cluster that is away, a disk that is full."""
 
 log = structlog.get_logger("drapemeter.worker")
 
 
 @dataclass(frozen=True)
-class _ClusterAway:
-    """A job waits for its cluster since then, on the monotonic clock [s], and ``reached`` this fraction before."""
+class _Waiting:
+    """A job waits for a cluster or for room since then, on the monotonic clock [s]; it ``reached`` this fraction."""
 
     since: float
     reached: float
@@ -77,7 +77,7 @@ class JobWorker:
         self._beat_every_s = min(settings.job_lease_s / 4, 2.0)
         self._last_beat = self._last_purge = self._reaps_from = float("-inf")
         self._clock_ahead_s = time.time() - time.monotonic()
-        self._cluster_away: dict[str, _ClusterAway] = {}
+        self._waiting: dict[str, _Waiting] = {}
 
     def run(self) -> None:
         """Until ``stopping`` is set."""
@@ -138,9 +138,11 @@ class JobWorker:
             event = self._runner.poll(POLL_S)
             if isinstance(event, Progress):
                 latest = event
-                away = self._cluster_away.get(claim.id)
-                if away is not None and event.fraction > away.reached:  # further than without the cluster: it is back
-                    del self._cluster_away[claim.id]
+                waiting = self._waiting.get(claim.id)
+                if (
+                    waiting is not None and event.fraction > waiting.reached
+                ):  # further than before: what it waited for is back
+                    del self._waiting[claim.id]
             elif event is not None:
                 return self._settle(claim, event, latest.fraction)
             now = time.monotonic()
@@ -168,10 +170,10 @@ class JobWorker:
                     return "given_back"
 
     def _settle(self, claim: Claim, event: Done | Refused | Crashed, reached: float) -> str:
-        if isinstance(event, Refused) and event.code in CLUSTER_AWAY and self._waits_for_cluster(claim, reached):
+        if isinstance(event, Refused) and event.code in NO_FAULT and self._may_wait(claim, reached):
             self._give_back_for_now(claim, event.detail)
             return "given_back"
-        self._cluster_away.pop(claim.id, None)
+        self._waiting.pop(claim.id, None)
         if isinstance(event, Done):
             return self._store(claim, event.value)
         if isinstance(event, Refused):
@@ -200,12 +202,12 @@ class JobWorker:
     def _refuse(self, claim: Claim, code: str, detail: str) -> None:
         self._insist(lambda: self._queue.fail(claim, code, detail))
 
-    def _waits_for_cluster(self, claim: Claim, reached: float) -> bool:
-        """Whether a job goes on waiting for a cluster that is away: for a while since it last came further."""
+    def _may_wait(self, claim: Claim, reached: float) -> bool:
+        """Whether a job goes on waiting for a cluster or for room: for a while since it last came further."""
         now = time.monotonic()
-        away = self._cluster_away.get(claim.id, _ClusterAway(now, reached))
-        self._cluster_away[claim.id] = _ClusterAway(away.since, max(away.reached, reached))
-        return now - away.since < self._settings.job_cluster_patience_s
+        waiting = self._waiting.get(claim.id, _Waiting(now, reached))
+        self._waiting[claim.id] = _Waiting(waiting.since, max(waiting.reached, reached))
+        return now - waiting.since < self._settings.job_cluster_patience_s
 
     def _give_back_for_now(self, claim: Claim, why: str) -> None:
         """What cannot be done here and now is no fault of the job: it is begun again a little later, here or elsewhere.
@@ -269,5 +271,5 @@ class JobWorker:
                 jobs_after_days=self._settings.job_retention_days,
                 answers_after_hours=self._settings.idempotency_hours,
             )
-            unfinished = self._queue.unfinished(self._cluster_away)  # one that waits may be cancelled, or end elsewhere
-            self._cluster_away = {job: away for job, away in self._cluster_away.items() if job in unfinished}
+            unfinished = self._queue.unfinished(self._waiting)  # one that waits may be cancelled, or end elsewhere
+            self._waiting = {job: waiting for job, waiting in self._waiting.items() if job in unfinished}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import time
@@ -11,7 +12,7 @@ from services.jobs.files import FileContent
 from services.jobs.processes import run_worker
 from services.jobs.task import Report, Task, TaskOutput
 from services.settings import Settings
-from simcore.errors import InputError
+from simcore.errors import DrapemeterError, InputError
 
 
 def double(value: int, *, report: Report) -> int:
@@ -28,6 +29,14 @@ def refuse(*, report: Report) -> None:
 def fall(*, report: Report) -> None:
     """A mistake that nobody foresaw."""
     raise ZeroDivisionError
+
+
+def fill(by: str, *, report: Report) -> None:
+    """A disk without room, as a file's writer tells it or as the system does."""
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "/somewhere/on/the/server")
+    if by == "system":
+        raise full
+    raise DrapemeterError("cannot write /somewhere/on/the/server", code="cannot_write") from full
 
 
 def die(*, report: Report) -> None:

@@ -43,6 +43,14 @@ def test_a_result_a_refusal_and_a_mistake_come_back_as_what_they_are(child: Chil
     assert ending(child) == Done(2)
 
 
+@pytest.mark.parametrize("by", ["system", "writer"])
+def test_a_full_disk_is_no_mistake_of_the_program(by: str, child: ChildProcess) -> None:
+    child.start(Call(job_functions.fill, (by,)))
+    event = ending(child)
+    assert isinstance(event, Refused) and (event.code, event.bad_input) == ("no_room", False)
+    assert "make room" in event.detail and "/somewhere" not in event.detail
+
+
 def test_a_mistake_is_one_line_of_the_log_that_names_its_job(
     child: ChildProcess, capfd: pytest.CaptureFixture[str]
 ) -> None:

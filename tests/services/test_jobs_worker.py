@@ -85,6 +85,18 @@ def test_a_job_waits_for_a_cluster_that_is_away(database: Database, monkeypatch:
     assert job.status == JobStatus.FAILED and job.problem is not None and job.problem["code"] == "cluster_missing"
 
 
+@pytest.mark.parametrize("code", ["store_no_space", "no_room"])
+def test_a_job_waits_for_room_on_a_full_disk_and_not_for_ever(
+    code: str, database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.05)
+    full, done = Refused(code, "no space is left; make room", False), Done(TaskOutput({"rows": 3}, ()))
+    job = worked(database, add(database), Refusing(full, full, full, full, done))
+    assert (job.status, job.attempts, job.result) == (JobStatus.SUCCEEDED, 1, {"rows": 3})
+    job = worked(database, add(database), Refusing(full), job_cluster_patience_s=0.0)
+    assert job.status == JobStatus.FAILED and job.problem is not None and job.problem["code"] == code
+
+
 class Clock:
     """One that a runner sets forward."""
 
@@ -142,7 +154,7 @@ def test_a_job_that_ends_while_it_waits_for_its_cluster_is_forgotten(
         request_cancel(session, session.scalars(select(Job).where(Job.id == first)).one())
     assert refused() == second
     worker._keep_house()
-    assert set(worker._cluster_away) == {second}
+    assert set(worker._waiting) == {second}
 
 
 def test_what_this_machine_lacks_costs_no_attempt(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
