@@ -106,14 +106,11 @@ def fill(row: Fabric, fabric: FabricInput) -> None:
 
 def view_fabric(row: Fabric) -> FabricView:
     """What goes out of a row."""
-    ref = None
-    if row.plm_system is not None and row.plm_id is not None and row.plm_revision is not None:
-        ref = PlmRef(system=row.plm_system, id=row.plm_id, revision=row.plm_revision)
     return FabricView(
         id=row.id,
         name=row.name,
         parameters=row.parameters,
-        plm_ref=ref,
+        plm_ref=None if row.plm_ref is None else PlmRef(**row.plm_ref),
         model_version=row.model_version,
         attributes=row.attributes,
         version=row.version,

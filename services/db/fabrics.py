@@ -29,3 +29,10 @@ class Fabric(Base):
     version: Mapped[int] = mapped_column(default=1)
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
     updated_at: Mapped[datetime] = mapped_column(default=utc_now)
+
+    @property
+    def plm_ref(self) -> dict[str, str] | None:
+        """System, id and revision there; None: no such system knows it."""
+        if self.plm_system is None or self.plm_id is None or self.plm_revision is None:
+            return None
+        return {"system": self.plm_system, "id": self.plm_id, "revision": self.plm_revision}

@@ -11,6 +11,6 @@ from services.db.fabrics import Fabric
 
 
 def load_library(session: Session) -> list[dict[str, Any]]:
-    """Identifier, name and parameters of every fabric, oldest first."""
-    rows = session.execute(select(Fabric.id, Fabric.name, Fabric.parameters).order_by(Fabric.number))
-    return [{"id": row.id, "name": row.name, "parameters": row.parameters} for row in rows]
+    """Identifier, name, parameters and ``plm_ref`` (None: it has none) of every fabric, oldest first."""
+    rows = session.scalars(select(Fabric).order_by(Fabric.number))
+    return [{"id": r.id, "name": r.name, "parameters": r.parameters, "plm_ref": r.plm_ref} for r in rows]

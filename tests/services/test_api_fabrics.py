@@ -161,15 +161,16 @@ def test_search_ranks_the_library_by_drape(client: httpx.Client) -> None:
     job = finished(client, answer.headers["location"])
     assert (job["status"], job["problem"]["code"]) == ("failed", "library_empty")
     limp = {**SOFT, "bending_warp": 2e-6, "bending_weft": 2e-6, "bending_bias": 2e-6}
+    known = {"system": "windchill", "id": "SEARCHED-1", "revision": "A"}
     ids = [
-        client.post("/v1/fabrics", json={"name": name, "parameters": parameters}).json()["id"]
-        for name, parameters in [("board", STIFF), ("soft", SOFT), ("limp", limp)]
+        client.post("/v1/fabrics", json={"name": name, "parameters": parameters, "plm_ref": ref}).json()["id"]
+        for name, parameters, ref in [("board", STIFF, None), ("soft", SOFT, known), ("limp", limp, None)]
     ]
     answer = client.post("/v1/fabrics/search", json={"fabric_id": ids[0], **QUICK})
     job = finished(client, answer.headers["location"])
     assert job["problem"] is None
     ranking = job["result"]["ranking"]
-    assert {r["id"] for r in ranking} == set(ids[1:])
+    assert {r["id"]: r["plm_ref"] for r in ranking} == {ids[1]: known, ids[2]: None}
     assert ranking[0]["distance"] <= ranking[1]["distance"]
     picture = client.get(job["files"][0]["url"])
     assert picture.content.startswith(b"\x89PNG")

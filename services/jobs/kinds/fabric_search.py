@@ -54,7 +54,7 @@ def run(task: Task, report: Report) -> TaskOutput:
 
     rows = task.inputs["library"]
     inputs = FabricSearchInputs.model_validate({k: v for k, v in task.inputs.items() if k != "library"})
-    names = {row["id"]: row["name"] for row in rows}
+    told = {row["id"]: {key: row[key] for key in ("id", "name", "plm_ref")} for row in rows}
     library = parse_library(rows, "the fabric library")
     if inputs.reference is not None:
         reference = inputs.reference.to_fabric()
@@ -85,15 +85,14 @@ def run(task: Task, report: Report) -> TaskOutput:
         {
             "ranking": [
                 {
-                    "id": r.id,
-                    "name": names[r.id],
+                    **told[r.id],
                     "distance": r.distance,
                     "standard_error": r.standard_error,
                     "thumbnails": {scene: file.name for scene, file in files.items()},
                 }
                 for r, files in zip(nearest, thumbnails, strict=True)
             ],
-            "failed": [{"id": f.id, "name": names[f.id], "reason": f.reason} for f in found_fabrics.failed],
+            "failed": [{**told[f.id], "reason": f.reason} for f in found_fabrics.failed],
             "searched": len(library),
             "simulations": inputs.simulations,
             "backend": backend.name,
