@@ -23,8 +23,8 @@ def merge_stores(sources: Sequence[Store], out: str, listen: Callable[[int], Non
 
     One that was stopped goes on when it is called again; where a source fails, nothing is left of a new one.
 
-    Rows keep their seeds, statuses and reasons. The parameters decide nothing: the same fabric in two stores stays two
-    materials.
+    Rows keep their seeds, statuses and reasons; the configuration says which versions simulated the sources. The
+    parameters decide nothing: the same fabric in two stores stays two materials.
 
     Args:
         sources: complete stores with the same scenes, repeats, inclinations and mesh.
@@ -37,7 +37,10 @@ def merge_stores(sources: Sequence[Store], out: str, listen: Callable[[int], Non
     """
     layout = _merged_layout(sources)
     _refuse_inside(sources, out)
-    configuration = {"merged": [dict(source.stated["configuration"]) for source in sources]}
+    configuration = {
+        "merged": [dict(source.stated["configuration"]) for source in sources],
+        "merged_versions": [str(source.stated["software_version"]) for source in sources],
+    }
     begun = store_exists(out)
     if begun:
         finished = _finished(out, layout, configuration)

@@ -40,6 +40,8 @@ def test_merged_stores_hold_every_sample_once_and_are_valid(stores: list[Store],
     assert merged.column("drapes/energy").tolist() == [0, 1, 2, 3, 4, 5, 0, 1, 2, 3]
     assert validate_store(merged).valid
     assert [c["seed"] for c in merged.attributes["configuration"]["merged"]] == [4, 9]
+    versions = [source.attributes["software_version"] for source in stores]
+    assert merged.attributes["configuration"]["merged_versions"] == versions
 
 
 def test_unlike_unfinished_and_single_stores_are_not_merged(stores: list[Store], tmp_path: Path) -> None:
