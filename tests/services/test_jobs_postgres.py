@@ -18,10 +18,11 @@ from sqlalchemy import select, text, update
 from services.db.base import utc_now
 from services.db.engine import Database, in_turn
 from services.db.jobs import Job
-from services.db.migrate import is_current, upgrade
+from services.db.migrate import is_current, is_usable, require_current, upgrade
 from services.db.models import Base
 from services.jobs.files import FileContent
 from services.jobs.queue import JobQueue, enqueue, request_cancel
+from simcore.errors import MissingResourceError
 from tests.services.postgres import postgres
 from tests.services.served import QUICK, STIFF, drapemeter, serving
 
@@ -57,6 +58,17 @@ def test_migrations_make_the_tables_of_the_models_also_when_run_at_once(database
     assert is_current(database)
     with database.engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), Base.metadata) == []
+
+
+def test_tables_of_a_later_version_are_not_started_with(database: Database) -> None:
+    upgrade(database)
+    with database.engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = 'of_next_year'"))
+    assert is_usable(database) and not is_current(database)
+    for begin in (require_current, upgrade):
+        with pytest.raises(MissingResourceError, match="are of a later version: start that") as caught:
+            begin(database)
+        assert caught.value.code == "database_later_version"
 
 
 def test_no_job_goes_to_two_workers(database: Database) -> None:
