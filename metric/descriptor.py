@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric.drape_distance import RenderSets
+from metric.engine import engine_fingerprint
 from metric.feature_cache import FeatureCache
 from metric.render import DrapeRender
-from metric.render_cache import engine_fingerprint
 from metric.simulate import SimulationPlan
 from metric.sketch import Sketched
 from renderer.atomic import write_atomically

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from metric.engine import engine_fingerprint
 from metric.render import DrapeRender
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth import render_depth
@@ -56,11 +57,13 @@ class RequestResult:
         request: the request.
         render: pictures of the drape; None where no attempt came to rest.
         failures: why each failed attempt failed, in order.
+        engine: fingerprint of the code and libraries that did it; empty: unknown.
     """
 
     request: DrapeRequest
     render: DrapeRender | None
     failures: tuple[str, ...] = ()
+    engine: str = field(default="", compare=False)
 
 
 def run_request(request: DrapeRequest) -> RequestResult:
@@ -71,9 +74,9 @@ def run_request(request: DrapeRequest) -> RequestResult:
             request.fabric, Setup.nominal(request.scene), seed=request.solver_seed(attempt)
         )
         if drape.ok:
-            return RequestResult(request, render_drape(drape), tuple(failures))
+            return RequestResult(request, render_drape(drape), tuple(failures), engine_fingerprint())
         failures.append(f"{drape.status.value}, residual {drape.residual:.2g} {drape.reason}".strip())
-    return RequestResult(request, None, tuple(failures))
+    return RequestResult(request, None, tuple(failures), engine_fingerprint())
 
 
 def render_drape(drape: Drape) -> DrapeRender:

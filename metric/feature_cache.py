@@ -6,7 +6,9 @@ import hashlib
 import io
 from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -99,9 +101,11 @@ def feature_key(backend: Backend, render: DrapeRender) -> str:
     return hashlib.sha256(f"{backend.fingerprint}:{content}".encode()).hexdigest()
 
 
-def _size(value: Features) -> int:
+def _size(value: Any) -> int:
     if isinstance(value, np.ndarray):
         return value.nbytes
     if isinstance(value, (tuple, list)):
         return sum(_size(v) for v in value)
+    if is_dataclass(value):
+        return sum(_size(getattr(value, field.name)) for field in fields(value))
     return 64

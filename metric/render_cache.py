@@ -7,19 +7,16 @@ import io
 import zipfile
 import zlib
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
 
 from metric.draping import DrapeRequest, RequestResult
+from metric.engine import engine_fingerprint
 from metric.render import DrapeRender
 from renderer.atomic import write_atomically
 from renderer.camera import CANONICAL_CAMERA
 from renderer.trim import mark_used, trim_folder
-
-_ENGINES = ("taichi", "open3d", "numpy", "scipy", "mkl")
 
 
 @dataclass(frozen=True)
@@ -82,26 +79,3 @@ class RenderCache:
             repr(request.resolution_m),
         ]
         return self.folder / f"{hashlib.sha256(':'.join(words).encode()).hexdigest()}.npz"
-
-
-def _version(package: str) -> str:
-    """Of an installed package; not all are to be had on every machine."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "absent"
-
-
-@cache
-def engine_fingerprint() -> str:
-    """sha256 over the source and the engines' versions of everything that decides what a render looks like."""
-    import renderer
-    import simcore
-
-    versions = ",".join(f"{name} {_version(name)}" for name in _ENGINES)
-    digest = hashlib.sha256(versions.encode())
-    for package in (simcore, renderer):
-        for path in sorted(Path(package.__path__[0]).rglob("*.py")):
-            digest.update(path.name.encode() + path.read_bytes())
-    digest.update(Path(__file__).with_name("draping.py").read_bytes())
-    return digest.hexdigest()

@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from metric.draping import DrapeRequest, RequestResult, run_request
+from metric.engine import engine_fingerprint
 from metric.render import DrapeRender
 from metric.render_cache import RenderCache
 from metric.workers import run_in_processes
-from simcore.errors import InputError, SimulationError
+from simcore.errors import InputError, MissingResourceError, SimulationError
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene
 
@@ -127,6 +128,7 @@ def simulate_fabrics(
 
     Raises:
         SimulationError: a simulation did not come to rest in any attempt, or a worker process died.
+        MissingResourceError: workers have other code or libraries than this process.
     """
     firsts = list(first_repeats) if first_repeats is not None else [0] * len(fabrics)
     requests = [
@@ -144,6 +146,7 @@ def simulate_fabrics(
     missing = [r for r in dict.fromkeys(requests) if r not in results]
     run = runner if runner is not None else local_runner(plan.workers)
     for result in run(missing):
+        _require_same(result)
         results[result.request] = result
         if cache is not None and result.render is not None:
             cache.save(result)
@@ -202,6 +205,20 @@ def _gather(fabric: FabricParameters, results: list[RequestResult], plan: Simula
         reasons = "; ".join(dict.fromkeys(lost[0].failures))
         failure = f"{len(lost)} of {len(results)} simulations did not come to rest ({lost[0].request.scene}: {reasons})"
     return FabricRenders(fabric, scenes, retries, failure)
+
+
+def _require_same(result: RequestResult) -> None:
+    """Drapes of another solver are no repeats of ours, and must not be kept as such.
+
+    Raises:
+        MissingResourceError: a worker has other code or libraries than this process.
+    """
+    if result.engine and result.engine != engine_fingerprint():
+        raise MissingResourceError(
+            "the workers that simulate have another version of the program or of its libraries than this process: "
+            "install the same on all nodes, and start them again",
+            code="workers_version",
+        )
 
 
 def _call(on_done: Callable[[], None] | None) -> None:

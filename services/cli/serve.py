@@ -62,6 +62,7 @@ def serve(
     elif worker_only:
         from services.jobs.processes import run_workers
 
+        _check_cache()
         _prepare_database(settings)
         if as_json:
             console.emit_json({"workers": max(1, settings.workers)})
@@ -69,6 +70,8 @@ def serve(
     else:
         from services.api.server import run_server
 
+        if settings.workers:
+            _check_cache()
         _prepare_database(settings)
         run_server(settings, (lambda url: console.emit_json({"url": url})) if as_json else None)
 
@@ -116,3 +119,17 @@ def _prepare_database(settings: Settings) -> None:
     else:
         require_current(database)
     database.close()
+
+
+def _check_cache() -> None:
+    """Tell now what would fail every job that simulates.
+
+    Raises:
+        InputError: the folder of the caches cannot be used.
+    """
+    from renderer.user_cache import default_cache_folder
+    from services.cli.outputs import make_folder
+
+    place = default_cache_folder()
+    if place is not None:
+        make_folder(place, "set DRAPEMETER_CACHE to another folder, or to nothing at all to keep nothing between jobs")

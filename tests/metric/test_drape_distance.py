@@ -169,3 +169,14 @@ def test_another_process_may_remove_what_is_being_counted(
 
     monkeypatch.setattr(Path, "stat", gone)
     cache.features(backend, [make_render(2.0)])
+
+
+@pytest.mark.parametrize("name", ["depth", "ssim", "ms-ssim"])
+def test_features_of_any_form_count_as_what_they_take(name: str, make_render: MakeRender) -> None:
+    """SSIM's are lists of dataclasses."""
+    backend, one = get_backend(name), FeatureCache()
+    one.features(backend, [make_render(size=256)])
+    assert one._held >= 4 * 256 * 256
+    cache = FeatureCache(memory_bytes=3 * one._held)
+    cache.features(backend, [make_render(3.0, 0.01 * number, size=256) for number in range(8)])
+    assert len(cache._memory) == 3 and cache._held == 3 * one._held

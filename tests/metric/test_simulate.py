@@ -18,7 +18,7 @@ from metric.render_cache import RenderCache
 from metric.simulate import SimulationPlan, local_runner, simulate_fabrics
 from renderer.user_cache import default_cache_folder
 from simcore.drape import Drape, DrapeStatus
-from simcore.errors import InputError, SimulationError
+from simcore.errors import InputError, MissingResourceError, SimulationError
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene
@@ -205,3 +205,16 @@ def test_cache_folder_is_the_users_choice(monkeypatch: pytest.MonkeyPatch, tmp_p
     monkeypatch.delenv("DRAPEMETER_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert default_cache_folder() == tmp_path / "drapemeter"
+
+
+def test_drapes_of_workers_of_another_version_are_neither_taken_nor_kept(tmp_path: Path) -> None:
+    """As of a cluster's node that was not brought up to date."""
+
+    def elsewhere(requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
+        for request in requests:
+            yield replace(run_request(request), engine="0" * 64)
+
+    plan = SimulationPlan(simulations=1, resolution_m=0.05, workers=1)
+    with pytest.raises(MissingResourceError, match="another version of the program") as caught:
+        simulate_fabrics([STIFF], plan, runner=elsewhere, cache=RenderCache(tmp_path / "renders"))
+    assert caught.value.code == "workers_version" and not (tmp_path / "renders").exists()

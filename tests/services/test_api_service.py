@@ -13,6 +13,7 @@ import uvicorn
 from services.api import server
 from services.api.inference import Inference
 from services.api.server import _Server, run_server
+from services.cli import main
 from services.db.engine import Database
 from services.settings import Settings
 from tests.services.served import QUICK, SOFT, STIFF, Served, drapemeter, finished
@@ -91,6 +92,19 @@ def test_each_answer_carries_a_request_id_that_the_log_has(client: httpx.Client,
 def test_an_open_server_refuses_foreign_web_pages(client: httpx.Client, headers: dict[str, str]) -> None:
     answer = client.get("/v1/fabrics", headers=headers)
     assert (answer.status_code, answer.json()["code"]) == (403, "origin_refused")
+
+
+@pytest.mark.parametrize("arguments", [("--worker-only",), ()])
+def test_a_cache_that_cannot_be_made_is_told_before_anything_is_served(
+    arguments: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "file" / "cache"))
+    database = tmp_path / "d.db"
+    assert main.run(["serve", "--port", "0", "--database", f"sqlite:///{database}", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert "set DRAPEMETER_CACHE to another folder" in said and said.endswith("[folder_unusable]\n")
+    assert not database.exists()
 
 
 def test_a_taken_port_is_told_in_one_line(served: Served, tmp_path: Path) -> None:
