@@ -121,6 +121,10 @@ class Diagnosis:
         return replace(self, report=self.report.model_copy(update={"cost": told}))
 
 
+Look = Callable[[dict[str, FreshLook]], dict[str, FreshLook]]
+"""Simulates more of what fabrics may show."""
+
+
 def diagnose(
     captures: CaptureSet,
     options: DiagnosisOptions = DiagnosisOptions(),
@@ -285,31 +289,27 @@ class _Conclusion:
     ) -> tuple[dict[str, FreshLook], Grip | None]:
         """Fabrics as closer looks leave them, cut short where magnets hold otherwise; how they do, if ``grip`` asks."""
         weigh, workers = partial(self.weigh, noise=noise), self.workers
-        for number, look in enumerate(
-            (
-                lambda seen: look_again(seen, weigh, scene, workers),
-                lambda seen: look_alike(seen, weigh, name, scene, workers),
-                lambda seen: look_further(seen, weigh, name, scene, workers),
-                lambda seen: look_between(seen, weigh, name, scene, workers),
-            ),
-            start=1,
-        ):
+        first: tuple[Look, ...] = (
+            lambda seen: look_again(seen, weigh, scene, workers),
+            lambda seen: look_alike(seen, weigh, name, scene, workers),
+            lambda seen: look_further(seen, weigh, name, scene, workers),
+            lambda seen: look_between(seen, weigh, name, scene, workers),
+        )
+        for number, look in enumerate(first, start=1):
             self.steps.look(number)
             looks = look(looks)
         likely = name([look.result for look in looks.values()])
         held = judge_grip(looks, likely, workers) if grip else None
         if held is not None and held.otherwise:
             return looks, held
-        for number, look in enumerate(
-            (
-                lambda seen: look_beside(seen, likely, scene, workers),
-                lambda seen: look_together(seen, name, scene, workers),
-                lambda seen: look_through(seen, weigh, name, scene, workers),
-                lambda seen: look_for_second(seen, name, scene, workers),
-                lambda seen: look_probed(seen, weigh, name, scene, workers),
-            ),
-            start=5,
-        ):
+        then: tuple[Look, ...] = (
+            lambda seen: look_beside(seen, likely, scene, workers),
+            lambda seen: look_together(seen, name, scene, workers),
+            lambda seen: look_through(seen, weigh, name, scene, workers),
+            lambda seen: look_for_second(seen, name, scene, workers),
+            lambda seen: look_probed(seen, weigh, name, scene, workers),
+        )
+        for number, look in enumerate(then, start=len(first) + 1):
             self.steps.look(number)
             looks = look(looks)
         return looks, held
