@@ -22,7 +22,7 @@ from scipy.stats import norm
 from simcore.bending import ADMISSIBLE
 from simcore.errors import InputError
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
-from simcore.sampling import RandomDesign, SobolDesign, UnitDesign
+from simcore.sampling import SobolDesign, UnitDesign
 
 ADMISSIBLE_MARGIN = 1.1
 """4 B_bias is kept at least this much above (sqrt(B_warp) - sqrt(B_weft))^2, where a plate loses its stability."""
@@ -163,10 +163,6 @@ class FabricPrior:
     ) -> list[FabricParameters]:
         """As :meth:`sample_array`, as objects."""
         return [FabricParameters.from_array(row) for row in self.sample_array(indices, seed, design)]
-
-    def sample_random(self, indices: Sequence[int], seed: int = 0) -> list[FabricParameters]:
-        """Independent fabrics instead of evenly spread ones."""
-        return self.sample(indices, design=RandomDesign(seed))
 
 
 def check_ranges(ranges: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:

@@ -116,7 +116,7 @@ def test_sobol_spreads_more_evenly_than_chance() -> None:
 
 def test_random_design_is_addressable_too() -> None:
     alone = PRIOR.sample([7], design=RandomDesign(3))
-    assert alone == PRIOR.sample(range(9), design=RandomDesign(3))[7:8] == PRIOR.sample_random([7], 3)
+    assert alone == PRIOR.sample(range(9), design=RandomDesign(3))[7:8] == PRIOR.sample([7], design=RandomDesign(3))
 
 
 @pytest.mark.parametrize(
