@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,9 @@ from metric.simulate import SimulationPlan, samples_apart
 from services.cli.main import run
 from services.web.study_pictures import entries_from_library
 from simcore.errors import SimulationError
+from simcore.parameters import FabricParameters
 from simcore.prior import FabricPrior
+from simcore.scenes import Scene
 
 
 @pytest.fixture
@@ -217,3 +220,47 @@ def test_comparison_of_image_distances(
     assert found["parameters"]["z-score"]["bending"] == 1.0
     assert (out / "shares.png").stat().st_size > 1000
     assert json.loads((out / "comparison.json").read_text()) == found
+
+
+def losing(lost: Sequence[FabricParameters]) -> Callable[[DrapeRequest], RequestResult]:
+    """Simulations of which some fabrics never come to rest."""
+
+    def drape(request: DrapeRequest) -> RequestResult:
+        if request.fabric in lost and request.scene is Scene.STRETCH:
+            return RequestResult(request, None, ("diverged",))
+        return analytic_drape(request)
+
+    return drape
+
+
+SMALL = ["--simulations", "2", "--resolution", "0.025", "--workers", "1"]
+
+
+def test_a_fabric_that_cannot_be_simulated_is_named_and_the_others_are_analysed(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fabrics = FabricPrior.default().sample(range(8), seed=0)
+    photos = ["--photographs", str(folder / "photos")]
+    study = document(capsys, "study", "make", str(folder / "library.json"), *photos)["study"]
+    document(capsys, "study", "simulate", study, "--observers", "5")
+    analyse = ["study", "analyse", study, "--simulated", "--backends", "depth", "--bootstrap", "5", *SMALL, "--json"]
+
+    monkeypatch.setattr("metric.simulate.run_request", losing(fabrics[3:4]))
+    assert run(analyse) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert "no metric is compared with people on fabric-3: 2 of 4 simulations did not come to rest" in said.err
+    assert [lost["fabric"] for lost in found["left_out"]] == ["fabric-3"]
+    assert set(found["metrics"]) == {"parameters", "depth"}
+    for score in found["metrics"].values():
+        assert [k for k, value in enumerate(score["per_fabric"]) if value is None] == [3]
+        assert score["interval_95"] is not None and 0 <= score["answers_predicted"] <= 1
+
+    monkeypatch.setenv("DRAPEMETER_CACHE", "")
+    monkeypatch.setattr("metric.simulate.run_request", losing(fabrics[2:]))
+    assert run(analyse) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert "no metric is compared with people: of 8 fabrics 2 could be simulated" in said.err
+    assert found["metrics"] == {} and len(found["left_out"]) == 6
+    assert found["agreement"]["questions"] >= 5 and len(found["embedding"]["points"]) == 8
