@@ -14,7 +14,7 @@ from metric.library import LibraryFabric
 from metric.render_cache import RenderCache
 from metric.simulate import SimulationPlan, samples_apart, simulate_fabrics
 from services.web.study_create import PictureFile, StudyEntry
-from simcore.errors import InputError
+from simcore.errors import InputError, SimulationError
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -36,13 +36,23 @@ def entries_from_library(
     """Each fabric with shaded renders of all its repeats, both scenes together.
 
     Raises:
-        SimulationError: a simulation did not come to rest.
+        SimulationError: fabrics that could not be simulated, by name.
     """
     from PIL import Image
 
     fabrics = [f.parameters for f in library]
     firsts = samples_apart(fabrics, plan)
-    simulated = simulate_fabrics(fabrics, plan, first_repeats=firsts, cache=renders, on_done=on_done)
+    simulated = simulate_fabrics(
+        fabrics, plan, first_repeats=firsts, cache=renders, keep_failures=True, on_done=on_done
+    )
+    lost = {fabric.id: found.failure for fabric, found in zip(library, simulated, strict=True) if found.failure}
+    if lost:
+        first = next(iter(lost))
+        raise SimulationError(
+            f"{', '.join(lost)} could not be simulated (of {first} {lost[first]}): take them out of the library, or "
+            "try another --seed or a finer --resolution",
+            code="simulation_not_still",
+        )
     entries = []
     for fabric, found in zip(library, simulated, strict=True):
         pictures = []

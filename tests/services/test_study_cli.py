@@ -264,3 +264,14 @@ def test_a_fabric_that_cannot_be_simulated_is_named_and_the_others_are_analysed(
     assert "no metric is compared with people: of 8 fabrics 2 could be simulated" in said.err
     assert found["metrics"] == {} and len(found["left_out"]) == 6
     assert found["agreement"]["questions"] >= 5 and len(found["embedding"]["points"]) == 8
+
+
+def test_a_study_names_the_fabrics_that_cannot_be_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    library = [LibraryFabric(f"fabric-{k}", f) for k, f in enumerate(FabricPrior.default().sample(range(4), seed=0))]
+    monkeypatch.setattr("metric.simulate.run_request", losing([library[1].parameters, library[3].parameters]))
+    plan = SimulationPlan(simulations=2, resolution_m=0.025, workers=1)
+    told = r"^fabric-1, fabric-3 could not be simulated \(of fabric-1 2 of 4 .*diverged\)\): take .*--seed"
+    with pytest.raises(SimulationError, match=told) as caught:
+        entries_from_library(library, plan)
+    assert caught.value.code == "simulation_not_still"
+    assert [len(entry.pictures) for entry in entries_from_library(library[::2], plan)] == [4, 4]
