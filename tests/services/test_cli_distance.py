@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from metric.draping import DrapeRequest, RequestResult
+from metric.render import DrapeRender
 from services.cli.main import run
 
 VALUES = {
@@ -62,6 +65,25 @@ def test_distance_and_rank_as_json(
     out = capsys.readouterr().out
     assert "stiff" in out
     assert "softer" not in out
+
+
+def test_what_was_simulated_again_says_of_which_fabric(
+    fabrics: tuple[str, str, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    a, b, _ = fabrics
+
+    def second_attempt(request: DrapeRequest) -> RequestResult:
+        again = request.scene == "stretch" and request.fabric.bending_warp == 1e-4
+        picture = np.full((64, 64), 0.5, np.float32)
+        return RequestResult(request, DrapeRender(None, picture), ("time limit",) if again else ())
+
+    monkeypatch.setattr("metric.simulate.run_request", second_attempt)
+    assert run(["distance", a, b, *QUICK, "--no-cache", "--json"]) == 0
+    said = capsys.readouterr()
+    assert f"B ({b}): stretch 1 was simulated again: time limit\n" in said.err and "A (" not in said.err
+    assert json.loads(said.out)["retries"] == [
+        {"fabric": "B", "scene": "stretch", "repeat": repeat, "reasons": ["time limit"]} for repeat in range(2)
+    ]
 
 
 @pytest.mark.parametrize(
