@@ -16,6 +16,7 @@ from PIL import Image
 
 from services.db.engine import Database
 from services.db.migrate import upgrade
+from services.db.studies import StudyAnswer, StudyParticipant
 from services.web.study_app import create_study_app
 from services.web.study_create import PictureFile, StudyEntry, check_names, create_study, list_studies
 from services.web.study_pictures import entries_from_photographs
@@ -131,6 +132,25 @@ def test_the_page_loads_nothing_from_elsewhere(client: TestClient) -> None:
         assert client.get("/" + asset).status_code == 200
     assert "http://" not in page.text
     assert "https://" not in page.text
+
+
+def test_people_are_told_all_that_is_stored_of_them(client: TestClient) -> None:
+    """A column that is added needs its words on the page, or stands for nothing about a person."""
+    told = {
+        StudyParticipant: {"created_at": "when you begin", "experience": "what you say here"},
+        StudyAnswer: {
+            "chosen": "your answers",
+            "answered_at": "when you gave them",
+            "milliseconds": "how long they took",
+            "changes": "how often you changed your mind",
+        },
+    }
+    nothing = {"number", "id", "study_number", "place", "simulated", "questions", "participant_number", "position"}
+    page = " ".join(client.get("/").text.split())
+    sentence = page[page.index("<p>Kept are") : page.index("nothing else about you")]
+    for table, words in told.items():
+        assert {column.key for column in table.__table__.columns} - nothing == set(words)
+        assert all(part in sentence for part in words.values())
 
 
 def test_the_same_answer_again_keeps_the_time_that_it_took(store: StudyStore) -> None:
