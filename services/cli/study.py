@@ -231,7 +231,8 @@ def export(
 def _shown(
     name: str, library: Path | None, photographs: Path | None, triplets: int, **plan: Any
 ) -> Callable[[], list[StudyEntry]]:
-    """What makes the pictures of each fabric; names and whether so many can be asked about are checked at once."""
+    """What makes the pictures of each fabric; names, whether so many can be asked about and the caches are checked at
+    once."""
     from metric.library import load_library
     from metric.triplets import check_plan
     from services.web.study_create import check_names
@@ -253,9 +254,10 @@ def _shown(
     settings = SimulationPlan(
         simulations=plan["simulations"], resolution_m=plan["resolution"], seed=plan["seed"], workers=plan["workers"]
     )
+    renders = metric_caches().renders
 
     def rendered() -> list[StudyEntry]:
         with console.progress("simulating", 2 * settings.simulations * len(known)) as bar:
-            return entries_from_library(known, settings, renders=metric_caches(True).renders, on_done=bar.advance)
+            return entries_from_library(known, settings, renders=renders, on_done=bar.advance)
 
     return rendered

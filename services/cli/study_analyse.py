@@ -140,7 +140,7 @@ def _matrices(
     found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
     if not chosen:
         return found, []
-    caches = metric_caches(True)
+    caches = metric_caches()
     simulated = _simulate(fabrics, plan, caches.renders)
     left_out = [
         LeftOut(fabric.name, s.failure) for fabric, s in zip(store.fabrics, simulated, strict=True) if s.failure

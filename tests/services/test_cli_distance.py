@@ -132,7 +132,7 @@ def test_a_cache_folder_that_cannot_be_made(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "file" / "cache"))
     assert run(["distance", fabrics[0], fabrics[1], "--backend", "depth"]) == 2
-    assert "--no-cache" in capsys.readouterr().err
+    assert "set DRAPEMETER_CACHE to another folder, or give --no-cache" in capsys.readouterr().err
 
 
 def test_missing_weights_exit_1_and_name_the_way_out(

@@ -24,6 +24,8 @@ from simcore.parameters import FabricParameters
 from simcore.prior import FabricPrior
 from simcore.scenes import Scene
 
+OTHER_CACHE = "set DRAPEMETER_CACHE to another folder, or to nothing at all to keep nothing [folder_unusable]"
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -193,6 +195,18 @@ def test_unusable_studies_name_the_way_out(folder: Path, capsys: pytest.CaptureF
         assert not (folder / "d.db").exists()
 
 
+@pytest.mark.parametrize("command", ["make", "compare"])
+def test_a_cache_that_cannot_be_is_told_in_words_that_help_and_leaves_nothing(
+    command: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = {"make": [str(folder / "library.json")], "compare": ["--backends", "depth"]}[command]
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(folder / "library.json" / "cache"))
+    before = sorted(folder.iterdir())
+    assert run(["study", command, *arguments]) == 2
+    assert capsys.readouterr().err.endswith(f"{OTHER_CACHE}\n")
+    assert sorted(folder.iterdir()) == before
+
+
 def analytic_drape(request: DrapeRequest) -> RequestResult:
     """Stands for a simulation: soft and heavy fabrics fold more, repeats differ by a shift."""
     y, x = np.mgrid[0:256, 0:256] / 255.0
@@ -244,6 +258,12 @@ def test_a_fabric_that_cannot_be_simulated_is_named_and_the_others_are_analysed(
     study = document(capsys, "study", "make", str(folder / "library.json"), *photos)["study"]
     document(capsys, "study", "simulate", study, "--observers", "5")
     analyse = ["study", "analyse", study, "--simulated", "--backends", "depth", "--bootstrap", "5", *SMALL, "--json"]
+
+    kept = str(folder / "cache")
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(folder / "library.json" / "cache"))
+    assert run(analyse) == 2
+    assert capsys.readouterr().err.endswith(f"{OTHER_CACHE}\n")
+    monkeypatch.setenv("DRAPEMETER_CACHE", kept)
 
     monkeypatch.setattr("metric.simulate.run_request", losing(fabrics[3:4]))
     assert run(analyse) == 0
