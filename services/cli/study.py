@@ -244,6 +244,9 @@ def _shown(
         entries = entries_from_photographs(photographs, known)
         check_names(name, [entry.name for entry in entries])
         check_plan(len(entries), triplets)
+        without = {fabric.id for fabric in known}.difference(entry.name for entry in entries)
+        if without:
+            console.note(f"no photographs of {', '.join(sorted(without))}: the study is without them")
         return lambda: entries
     if not known:
         raise InputError("give LIBRARY.json, --photographs, or both", code="study_empty")

@@ -118,6 +118,10 @@ def test_photographs_that_the_library_does_not_name_are_refused(
     said = capsys.readouterr().err
     assert "no fabric named Fabric-3 (it has fabric-0, " in said and said.endswith("[photographs_unknown]\n")
     assert not (folder / "d.db").exists()
+    (folder / "photos" / "Fabric-3").rename(folder / "Fabric-3")
+    assert run(["study", "make", library, "--photographs", photos]) == 0
+    assert "no photographs of fabric-3: the study is without them" in capsys.readouterr().err
+    (folder / "Fabric-3").rename(folder / "photos" / "Fabric-3")
     study = document(capsys, "study", "make", "--photographs", photos)["study"]
     document(capsys, "study", "simulate", study, "--observers", "1")
     assert run(["study", "analyse", study, "--simulated", "--backends", "nothing"]) == 2

@@ -299,6 +299,37 @@ def test_pictures_of_other_kinds_look_as_they_are(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("strange", "told"),
+    [
+        ("loose.jpg", r"loose\.jpg is in no fabric's subfolder: move it into one"),
+        ("IMG_1.HEIC", r"IMG_1\.HEIC is in no fabric's subfolder"),
+        ("cotton/more/b.jpg", "cotton: more is a folder, .*: move its photographs up into cotton"),
+        ("cotton/more/", "cotton: more is a folder"),
+    ],
+)
+def test_photographs_in_the_wrong_place_are_refused(strange: str, told: str, tmp_path: Path) -> None:
+    for place in ("cotton/a.jpg", strange):
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        if place.endswith("/"):
+            (tmp_path / place).mkdir()
+        else:
+            Image.new("RGB", (8, 8)).save(tmp_path / place, format="JPEG")
+    with pytest.raises(InputError, match=told) as caught:
+        entries_from_photographs(tmp_path)
+    assert caught.value.code == "photograph_kind"
+
+
+def test_what_is_hidden_or_left_behind_is_no_fabric(tmp_path: Path) -> None:
+    for place in ("cotton", ".git", "__MACOSX", "@eaDir", "cotton/@eaDir", "cotton/.thumbnails", ".trash"):
+        (tmp_path / place).mkdir()
+        Image.new("RGB", (8, 8)).save(tmp_path / place / "a.jpg")
+    for name in (".hidden.jpg", "Thumbs.db", "notes.txt"):
+        (tmp_path / name).touch()
+    (cotton,) = entries_from_photographs(tmp_path)
+    assert cotton.name == "cotton" and len(cotton.pictures) == 1
+
+
+@pytest.mark.parametrize(
     ("files", "code"), [(["a.jpg", "IMG_1.HEIC"], "photograph_kind"), ([], "study_pictures_missing")]
 )
 def test_photographs_are_not_left_out_without_a_word(tmp_path: Path, files: list[str], code: str) -> None:
