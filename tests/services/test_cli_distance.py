@@ -10,7 +10,9 @@ import pytest
 
 from metric.draping import DrapeRequest, RequestResult
 from metric.render import DrapeRender
+from metric.search import RankedFabric, SearchResult
 from services.cli.main import run
+from simcore.scenes import Scene
 
 VALUES = {
     "stretch_warp": 1000.0,
@@ -84,6 +86,24 @@ def test_what_was_simulated_again_says_of_which_fabric(
     assert json.loads(said.out)["retries"] == [
         {"fabric": "B", "scene": "stretch", "repeat": repeat, "reasons": ["time limit"]} for repeat in range(2)
     ]
+
+
+@pytest.mark.parametrize(("top", "shown"), [([], 6), (["--top", "2"], 2), (["--top", "9"], 9), (["--top", "14"], 12)])
+def test_the_figure_shows_as_many_as_are_ranked(
+    top: list[str], shown: int, fabrics: tuple[str, str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library = tmp_path / "many.json"
+    library.write_text(json.dumps([{"id": f"f{k}", **VALUES, "density": 0.1 + 0.01 * k} for k in range(15)]))
+    picture = dict.fromkeys(Scene, np.zeros((8, 8), np.uint8))
+    ranking = [RankedFabric(f"f{k}", float(k), None, picture) for k in range(15)]
+    monkeypatch.setattr("metric.search.search_library", lambda *_, **__: SearchResult(ranking, picture))
+    figure = tmp_path / "search.svg"
+    drawn: list[str] = []
+    monkeypatch.setattr("metric.figures._show", lambda _axes, _pictures, title: drawn.append(title))
+    assert run(["rank", fabrics[0], str(library), *QUICK, *top, "--figure", str(figure)]) == 0
+    names = [title.split("\n")[0] for title in drawn]
+    assert names[0] == names[shown + 1] == "reference" and len(names) == 2 * (shown + 1)
+    assert names[1 : shown + 1] == [f"f{k}" for k in range(shown)] and figure.stat().st_size > 100
 
 
 @pytest.mark.parametrize(
