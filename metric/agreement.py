@@ -37,13 +37,14 @@ class MetricAgreement:
 
     Attributes:
         per_fabric: Spearman correlation of each reference fabric's ranking with that of the embedding, shape [n]; NaN
-            of a fabric that no answer names, which ranks nowhere.
+            of a fabric that no answer names, or whose distances are not known, which ranks nowhere.
         mean: their mean.
         interval_95: ``mean`` give or take 1.96 standard deviations of it over resamples of the participants, the
             embedding fitted anew each time, within -1 to 1; None where not asked. (Resamples correlate less than the
             answers do, so that their own quantiles would lie too low.) It is of studies like this one: few answers make
             an embedding that correlates less than the truth does.
-        answers_predicted: share of the raw answers in which the metric puts the chosen fabric nearer.
+        answers_predicted: share of the raw answers, all of whose distances are known, in which the metric puts the
+            chosen fabric nearer; NaN where there are none.
     """
 
     per_fabric: NDArray[np.float64]
@@ -111,7 +112,8 @@ def metric_agreement(
     Participants are drawn with replacement for the interval, and the embedding is fitted anew from the full one.
 
     Args:
-        matrices: distances of each metric, shape [n, n], by name.
+        matrices: distances of each metric, shape [n, n], by name; rows and columns of NaN where a fabric's are not
+            known.
         answers: of all participants.
         fabrics: number of fabrics n.
         dimensions: of the embedding.
@@ -134,7 +136,7 @@ def metric_agreement(
         interval = _normal_interval(mean, means) if len(means) > 1 else None
         reference, chosen, rejected = triplets.T
         nearer = matrix[reference, chosen] - matrix[reference, rejected]
-        predicted = float(np.mean(np.where(nearer == 0, 0.5, nearer < 0)))
+        predicted = _mean(np.where(np.isnan(nearer), np.nan, np.where(nearer == 0, 0.5, nearer < 0)))
         found[name] = MetricAgreement(per_fabric, mean, interval, predicted)
     return found
 
@@ -142,12 +144,16 @@ def metric_agreement(
 def _correlations(
     distance: NDArray[np.float64], reference: NDArray[np.float64], named: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """:func:`rank_correlations` among the fabrics that answers name, bool [n]; NaN of others, which lie anywhere."""
-    if distance.shape != reference.shape or named.all():
+    """:func:`rank_correlations` among the fabrics that answers name, bool [n], and whose distances are known; NaN of
+    others, which lie anywhere."""
+    if distance.shape != reference.shape:
         return rank_correlations(distance, reference)
-    found = np.full(len(named), np.nan)
-    if np.count_nonzero(named) >= 3:
-        found[named] = rank_correlations(distance[np.ix_(named, named)], reference[np.ix_(named, named)])
+    ranked = named & (np.isfinite(distance) & ~np.eye(len(distance), dtype=bool)).any(axis=1)
+    if ranked.all():
+        return rank_correlations(distance, reference)
+    found = np.full(len(ranked), np.nan)
+    if np.count_nonzero(ranked) >= 3:
+        found[ranked] = rank_correlations(distance[np.ix_(ranked, ranked)], reference[np.ix_(ranked, ranked)])
     return found
 
 

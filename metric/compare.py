@@ -19,7 +19,7 @@ class Comparison:
 
     Attributes:
         result: the distance.
-        retries: simulations of both fabrics that needed more than one attempt.
+        retries: simulations of both fabrics that needed more than one attempt; ``fabric`` is 0 for a, 1 for b.
     """
 
     result: DrapeDistance

@@ -25,11 +25,13 @@ class Retry:
     """A simulation that did not come to rest and was done again from other initial forces.
 
     Attributes:
+        fabric: its place among the fabrics that were simulated together.
         scene: where.
         repeat: which of the repeats.
         reasons: why each failed attempt failed.
     """
 
+    fabric: int
     scene: Scene
     repeat: int
     reasons: tuple[str, ...]
@@ -154,8 +156,8 @@ def simulate_fabrics(
     if cache is not None and missing:
         cache.trim()
     gathered = [
-        _gather(fabric, [results[r] for r in requests if r.fabric == fabric and _within(r, first, plan)], plan)
-        for fabric, first in zip(fabrics, firsts, strict=True)
+        _gather(place, fabric, [results[r] for r in requests if r.fabric == fabric and _within(r, first, plan)], plan)
+        for place, (fabric, first) in enumerate(zip(fabrics, firsts, strict=True))
     ]
     failed = [g for g in gathered if g.failure]
     if failed and not keep_failures:
@@ -189,7 +191,7 @@ def _within(request: DrapeRequest, first: int, plan: SimulationPlan) -> bool:
     return first <= request.repeat < first + plan.simulations
 
 
-def _gather(fabric: FabricParameters, results: list[RequestResult], plan: SimulationPlan) -> FabricRenders:
+def _gather(place: int, fabric: FabricParameters, results: list[RequestResult], plan: SimulationPlan) -> FabricRenders:
     scenes: dict[Scene, list[DrapeRender]] = {scene: [] for scene in plan.scenes}
     retries: list[Retry] = []
     lost: list[RequestResult] = []
@@ -199,7 +201,7 @@ def _gather(fabric: FabricParameters, results: list[RequestResult], plan: Simula
             continue
         scenes[result.request.scene].append(result.render)
         if result.failures:
-            retries.append(Retry(result.request.scene, result.request.repeat, result.failures))
+            retries.append(Retry(place, result.request.scene, result.request.repeat, result.failures))
     failure = ""
     if lost:
         reasons = "; ".join(dict.fromkeys(lost[0].failures))

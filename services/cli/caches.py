@@ -9,8 +9,11 @@ if TYPE_CHECKING:
     from services.caches import MetricCaches
 
 
-def metric_caches(keep: bool) -> MetricCaches:
+def metric_caches(keep: bool | None = None) -> MetricCaches:
     """Caches of the metric; memory alone where nothing is to be kept.
+
+    Args:
+        keep: what the command's ``--cache/--no-cache`` says; None for a command without it, which keeps.
 
     Raises:
         InputError: their folder cannot be used.
@@ -19,9 +22,10 @@ def metric_caches(keep: bool) -> MetricCaches:
     from services import caches
     from services.cli.outputs import make_folder
 
-    place = default_cache_folder() if keep else None
+    place = None if keep is False else default_cache_folder()
     if place is not None:
-        make_folder(place, "set DRAPEMETER_CACHE to another, or give --no-cache")
+        none = "to nothing at all to keep nothing" if keep is None else "give --no-cache"
+        make_folder(place, f"set DRAPEMETER_CACHE to another folder, or {none}")
     return caches.metric_caches(place)
 
 

@@ -57,7 +57,8 @@ def distance(
         )
     result = found.result
     for retry in found.retries:
-        console.note(f"{retry.scene} {retry.repeat} was simulated again: {'; '.join(retry.reasons)}")
+        which = f"{'AB'[retry.fabric]} ({(a, b)[retry.fabric]})"
+        console.note(f"{which}: {retry.scene} {retry.repeat} was simulated again: {'; '.join(retry.reasons)}")
     if json_output:
         console.emit_json(
             {
@@ -70,7 +71,7 @@ def distance(
                 "scene_standard_errors": result.scene_errors,
                 "resolution": resolution,
                 "seed": seed,
-                "retries": found.retries,
+                "retries": [{**vars(retry), "fabric": "AB"[retry.fabric]} for retry in found.retries],
             }
         )
         return

@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from simcore.parameters import FabricParameters
 
 
+SHOWN = 6
+"""Fabrics a row of the figure where ``--top`` does not say."""
+MOST_SHOWN = 12
+"""Fabrics a row at most: with more none can be made out."""
+
+
 def register(app: typer.Typer) -> None:
     """Add the command."""
     app.command("rank")(rank)
@@ -38,7 +44,11 @@ def rank(
         None, "--exact/--sketch", help="Full features, or sketches good to 1 %; by default full up to 20 fabrics."
     ),
     thumbnails: Path | None = typer.Option(None, help="Folder for a PNG of each ranked fabric in each scene."),
-    figure: Path | None = typer.Option(None, help="PNG: drape ranking beside the ranking by parameters."),
+    figure: Path | None = typer.Option(
+        None,
+        help="PNG: drape ranking beside the ranking by parameters; of each as many as --top says "
+        f"({SHOWN} if it is not given, {MOST_SHOWN} at most).",
+    ),
     json_output: bool = JSON,
 ) -> None:
     """Order a library of fabrics by drape distance from a reference, the most alike first.
@@ -74,7 +84,7 @@ def rank(
         console.note(f"{lost.id} has no place: {lost.reason}")
     files = _write_thumbnails(ranking, thumbnails) if thumbnails is not None else {}
     if figure is not None:
-        _write_figure(figure, fabric, entries, found, metric.name)
+        _write_figure(figure, fabric, entries, found, metric.name, columns=min(top or SHOWN, MOST_SHOWN))
     if json_output:
         rows = [_row(entry, files.get(entry.id)) for entry in ranking]
         settings = {"backend": metric.name, "unit": metric.unit, "simulations": simulations, "seed": seed}
@@ -153,9 +163,15 @@ def _write_thumbnails(ranking: list[RankedFabric], folder: Path) -> dict[str, di
 
 
 def _write_figure(
-    path: Path, reference: FabricParameters, library: list[LibraryFabric], found: SearchResult, name: str
+    path: Path,
+    reference: FabricParameters,
+    library: list[LibraryFabric],
+    found: SearchResult,
+    name: str,
+    *,
+    columns: int,
 ) -> None:
-    """The drape ranking beside the ranking of the same fabrics by their parameters."""
+    """The drape ranking beside the ranking of the same fabrics by their parameters, the nearest of each."""
     import numpy as np
 
     from metric.figures import search_figure
@@ -167,4 +183,5 @@ def _write_figure(
     order = np.argsort(matrix[0, 1:], kind="stable")
     by_parameters = [(ranking[k].id, float(matrix[0, 1 + k]), ranking[k].pictures) for k in order]
     by_drape = [(r.id, r.distance, r.pictures) for r in ranking]
-    search_figure(path, found.reference_pictures, {f"drape ({name})": by_drape, "parameters (z-score)": by_parameters})
+    rows = {f"drape ({name})": by_drape, "parameters (z-score)": by_parameters}
+    search_figure(path, found.reference_pictures, rows, columns=columns)

@@ -231,7 +231,8 @@ def export(
 def _shown(
     name: str, library: Path | None, photographs: Path | None, triplets: int, **plan: Any
 ) -> Callable[[], list[StudyEntry]]:
-    """What makes the pictures of each fabric; names and whether so many can be asked about are checked at once."""
+    """What makes the pictures of each fabric; names, whether so many can be asked about and the caches are checked at
+    once."""
     from metric.library import load_library
     from metric.triplets import check_plan
     from services.web.study_create import check_names
@@ -243,6 +244,9 @@ def _shown(
         entries = entries_from_photographs(photographs, known)
         check_names(name, [entry.name for entry in entries])
         check_plan(len(entries), triplets)
+        without = {fabric.id for fabric in known}.difference(entry.name for entry in entries)
+        if without:
+            console.note(f"no photographs of {', '.join(sorted(without))}: the study is without them")
         return lambda: entries
     if not known:
         raise InputError("give LIBRARY.json, --photographs, or both", code="study_empty")
@@ -253,9 +257,10 @@ def _shown(
     settings = SimulationPlan(
         simulations=plan["simulations"], resolution_m=plan["resolution"], seed=plan["seed"], workers=plan["workers"]
     )
+    renders = metric_caches().renders
 
     def rendered() -> list[StudyEntry]:
         with console.progress("simulating", 2 * settings.simulations * len(known)) as bar:
-            return entries_from_library(known, settings, renders=metric_caches(True).renders, on_done=bar.advance)
+            return entries_from_library(known, settings, renders=renders, on_done=bar.advance)
 
     return rendered

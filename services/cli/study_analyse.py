@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,12 +23,24 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from metric.simulate import SimulationPlan
+    from metric.render_cache import RenderCache
+    from metric.simulate import FabricRenders, SimulationPlan
     from metric.triplets import Answer
     from services.web.study_store import StudyStore
+    from simcore.parameters import FabricParameters
 
 EMBEDDED = 2
 """Dimensions of the embedding: of n fabrics it takes about so many times n log2 n answers (Jamieson and Nowak 2011)."""
+FEWEST_RANKED = 3
+"""Fabrics without which no ranking of others correlates with another."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A fabric that could not be simulated, on which no metric is compared with people."""
+
+    fabric: str
+    reason: str
 
 
 def analyse(
@@ -45,8 +58,9 @@ def analyse(
 ) -> None:
     """Agreement between participants, the tSTE embedding of their answers, and how each metric's rankings correlate.
 
-    Where a fabric has no known parameters, the embedding and the agreement are given alone. `--backends ''` gives the
-    distance of parameters alone.
+    Where a fabric has no known parameters, the embedding and the agreement are given alone. One that cannot be
+    simulated is named, and metrics are compared over the others. `--backends ''` gives the distance of parameters
+    alone.
 
     \b
     Example:
@@ -85,7 +99,7 @@ def _evaluate(
 
     count = len(store.fabrics)
     found = embed(answer_array(answers), count, seed=plan.seed)
-    matrices = _matrices(store, backends, plan)
+    matrices, left_out = _matrices(store, backends, plan)
     scores = metric_agreement(matrices, answers, count, bootstrap=bootstrap, seed=plan.seed) if matrices else {}
     return {
         "participants": len({a.participant for a in answers}),
@@ -97,15 +111,21 @@ def _evaluate(
             "log_likelihood": found.log_likelihood,
         },
         "metrics": scores,
+        "left_out": left_out,
     }
 
 
-def _matrices(store: StudyStore, names: Sequence[str], plan: SimulationPlan) -> dict[str, NDArray[np.float64]]:
-    """Distance matrices by every metric, or none where parameters are unknown."""
+def _matrices(
+    store: StudyStore, names: Sequence[str], plan: SimulationPlan
+) -> tuple[dict[str, NDArray[np.float64]], list[LeftOut]]:
+    """Distance matrices by every metric, none where parameters are unknown; and what could not be simulated.
+
+    All metrics are compared on the same fabrics: every matrix has NaN in the row and the column of one that could not
+    be simulated.
+    """
     from metric.backends import check_backend, get_backend
     from metric.matrix import pair_tables
     from metric.parameter_distance import ParameterDistance
-    from metric.simulate import samples_apart, simulate_fabrics
     from services.cli.caches import metric_caches
     from simcore.parameters import FabricParameters
 
@@ -114,20 +134,53 @@ def _matrices(store: StudyStore, names: Sequence[str], plan: SimulationPlan) -> 
     unknown = [fabric.name for fabric in store.fabrics if fabric.parameters is None]
     if unknown:
         console.note(f"no metric is compared with people: parameters are unknown of {', '.join(unknown)}")
-        return {}
+        return {}, []
     chosen = [get_backend(name) for name in names]
     fabrics = [FabricParameters.from_mapping(f.parameters or {}) for f in store.fabrics]
     found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
     if not chosen:
-        return found
-    caches = metric_caches(True)
-    with console.progress("simulating", 2 * plan.simulations * len(fabrics)) as bar:
-        firsts = samples_apart(fabrics, plan)
-        simulated = simulate_fabrics(fabrics, plan, first_repeats=firsts, cache=caches.renders, on_done=bar.advance)
+        return found, []
+    caches = metric_caches()
+    simulated = _simulate(fabrics, plan, caches.renders)
+    left_out = [
+        LeftOut(fabric.name, s.failure) for fabric, s in zip(store.fabrics, simulated, strict=True) if s.failure
+    ]
+    for lost in left_out:
+        console.note(f"no metric is compared with people on {lost.fabric}: {lost.reason}")
+    kept = [k for k, s in enumerate(simulated) if not s.failure]
+    if len(kept) < FEWEST_RANKED:
+        console.note(
+            f"no metric is compared with people: of {len(fabrics)} fabrics {len(kept)} could be simulated; try another "
+            "--seed or a finer --resolution"
+        )
+        return {}, left_out
+    found["parameters"] = _over(kept, found["parameters"][kept][:, kept], len(fabrics))
     for backend in chosen:
-        tables = pair_tables([s.scenes for s in simulated], backend, cache=caches.features)
-        found[backend.name] = tables.distances()
-    return found
+        tables = pair_tables([simulated[k].scenes for k in kept], backend, cache=caches.features)
+        found[backend.name] = _over(kept, tables.distances(), len(fabrics))
+    return found, left_out
+
+
+def _simulate(
+    fabrics: Sequence[FabricParameters], plan: SimulationPlan, renders: RenderCache | None
+) -> list[FabricRenders]:
+    """Every fabric in turn; one that does not come to rest stays in its place, with the reason."""
+    from metric.simulate import samples_apart, simulate_fabrics
+
+    firsts = samples_apart(fabrics, plan)
+    with console.progress("simulating", 2 * plan.simulations * len(fabrics)) as bar:
+        return simulate_fabrics(
+            fabrics, plan, first_repeats=firsts, cache=renders, keep_failures=True, on_done=bar.advance
+        )
+
+
+def _over(kept: Sequence[int], matrix: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Distances of the kept fabrics, [m, m], in their places among all, [n, n]; NaN elsewhere."""
+    import numpy as np
+
+    whole = np.full((count, count), np.nan)
+    whole[np.ix_(kept, kept)] = matrix
+    return whole
 
 
 def _note_few(store: StudyStore, answers: Sequence[Answer]) -> None:

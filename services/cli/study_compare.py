@@ -94,7 +94,7 @@ def _simulate(fabrics: Sequence[FabricParameters], plan: SimulationPlan) -> list
     from metric.simulate import simulate_fabrics
     from services.cli.caches import metric_caches
 
-    renders = metric_caches(True).renders
+    renders = metric_caches().renders
     with console.progress("simulating", 2 * plan.simulations * len(fabrics)) as bar:
         return simulate_fabrics(fabrics, plan, cache=renders, keep_failures=True, on_done=bar.advance)
 

@@ -14,14 +14,16 @@ from metric.library import LibraryFabric
 from metric.render_cache import RenderCache
 from metric.simulate import SimulationPlan, samples_apart, simulate_fabrics
 from services.web.study_create import PictureFile, StudyEntry
-from simcore.errors import InputError
+from simcore.errors import InputError, SimulationError
 
 if TYPE_CHECKING:
     from PIL import Image
 
-LITTER = frozenset({"Thumbs.db", "desktop.ini"})
-"""What file browsers leave behind."""
+LITTER = frozenset({"Thumbs.db", "desktop.ini", "__MACOSX", "@eaDir"})
+"""What file browsers, archives and network drives leave behind, beside what is hidden."""
 PHOTOGRAPH_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp"})
+OTHER_PICTURES = frozenset({".avif", ".bmp", ".dng", ".gif", ".heic", ".heif", ".tif", ".tiff"})
+"""Suffixes of pictures that are not taken."""
 LARGEST_SIDE = 1024
 _MOST_PIXELS = 100_000_000
 
@@ -36,13 +38,23 @@ def entries_from_library(
     """Each fabric with shaded renders of all its repeats, both scenes together.
 
     Raises:
-        SimulationError: a simulation did not come to rest.
+        SimulationError: fabrics that could not be simulated, by name.
     """
     from PIL import Image
 
     fabrics = [f.parameters for f in library]
     firsts = samples_apart(fabrics, plan)
-    simulated = simulate_fabrics(fabrics, plan, first_repeats=firsts, cache=renders, on_done=on_done)
+    simulated = simulate_fabrics(
+        fabrics, plan, first_repeats=firsts, cache=renders, keep_failures=True, on_done=on_done
+    )
+    lost = {fabric.id: found.failure for fabric, found in zip(library, simulated, strict=True) if found.failure}
+    if lost:
+        first = next(iter(lost))
+        raise SimulationError(
+            f"{', '.join(lost)} could not be simulated (of {first} {lost[first]}): take them out of the library, or "
+            "try another --seed or a finer --resolution",
+            code="simulation_not_still",
+        )
     entries = []
     for fabric, found in zip(library, simulated, strict=True):
         pictures = []
@@ -61,8 +73,9 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
     Photographs are turned upright, scaled down to 1024 pixels and stripped of all that a camera writes into them.
 
     Raises:
-        InputError: no such folder, no subfolders or an empty one, a file that is no usable picture, or a subfolder of
-            a name that a library, where one is given, does not have.
+        InputError: no such folder, no subfolders or an empty one, pictures beside the subfolders or a folder inside
+            one, a file that is no usable picture, or a subfolder of a name that a library, where one is given, does not
+            have.
     """
     if not folder.is_dir():
         raise InputError(
@@ -70,7 +83,7 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
         )
     known = {fabric.id: fabric.parameters for fabric in library}
     entries = []
-    for inner in sorted(p for p in folder.iterdir() if p.is_dir()):
+    for inner in _fabric_folders(folder):
         files = _photographs(inner)
         pictures = tuple(
             PictureFile(0, f"{place:04d} {_as_text(path.stem)}"[:80], "image/jpeg", _photograph(path))
@@ -84,18 +97,48 @@ def entries_from_photographs(folder: Path, library: Sequence[LibraryFabric] = ()
             "subfolders as it names fabrics, or give no library, and no metric is compared with the answers",
             code="photographs_unknown",
         )
-    if not entries:
-        raise InputError(f"{folder} has no subfolders: put each fabric's photographs into one", code="study_empty")
     return entries
+
+
+def _seen(folder: Path) -> list[Path]:
+    """What lies in a folder by name, but for what is hidden and litter."""
+    return sorted(p for p in folder.iterdir() if not p.name.startswith(".") and p.name not in LITTER)
+
+
+def _fabric_folders(folder: Path) -> list[Path]:
+    """The subfolders by name; other files than pictures beside them are nothing of the study.
+
+    Raises:
+        InputError: there are none, or pictures beside them, which are of no fabric.
+    """
+    seen = _seen(folder)
+    found = [p for p in seen if p.is_dir()]
+    if not found:
+        raise InputError(f"{folder} has no subfolders: put each fabric's photographs into one", code="study_empty")
+    loose = [p.name for p in seen if not p.is_dir() and p.suffix.lower() in PHOTOGRAPH_SUFFIXES | OTHER_PICTURES]
+    if loose:
+        raise InputError(
+            f"{folder}: {loose[0]} is in no fabric's subfolder: move it into one, or take it out",
+            code="photograph_kind",
+        )
+    return found
 
 
 def _photographs(folder: Path) -> list[Path]:
     """The folder's photographs by name.
 
     Raises:
-        InputError: it has none, or other files, which may be photographs as well (those of many telephones are HEIC).
+        InputError: it has none, or a folder, or other files, which may be photographs as well (those of many telephones
+            are HEIC).
     """
-    files = sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".") and p.name not in LITTER)
+    files = _seen(folder)
+    deeper = [p.name for p in files if p.is_dir()]
+    if deeper:
+        raise InputError(
+            f"{folder}: {deeper[0]} is a folder, and nothing in it would be shown: move its photographs up into "
+            f"{folder.name}, or take it out",
+            code="photograph_kind",
+        )
     others = [p.name for p in files if p.suffix.lower() not in PHOTOGRAPH_SUFFIXES]
     if others:
         raise InputError(

@@ -118,8 +118,8 @@ def test_what_does_not_come_to_rest_is_tried_again_and_reported(still_at: int, m
         (kept,) = simulate_fabrics([MEDIUM], PLAN, keep_failures=True)
         assert "time limit" in kept.failure
         return
-    (found,) = simulate_fabrics([MEDIUM], PLAN)
-    assert len(found.retries) == 4
+    _, found = simulate_fabrics([STIFF, MEDIUM], PLAN)
+    assert len(found.retries) == 4 and {r.fabric for r in found.retries} == {1}
     assert all(len(r.reasons) == 2 and "time limit" in r.reasons[0] for r in found.retries)
     assert all(len(renders) == 2 for renders in found.scenes.values())
 

@@ -198,3 +198,23 @@ def test_no_answers_no_embedding() -> None:
         with pytest.raises(InputError, match="not in the study") as caught:
             embed(np.array([[0, 1, named]]), 10)
         assert caught.value.code == "answer_fabric_unknown"
+
+
+def test_a_fabric_whose_distances_are_not_known_ranks_nowhere() -> None:
+    """As if the study had been without it, but for the embedding, which holds all answers."""
+    truth = distances(known_points())
+    answers = simulate_observers(truth, 20, seed=3, noise=0.1)
+    lost = truth.copy()
+    lost[4], lost[:, 4] = np.nan, np.nan
+    np.fill_diagonal(lost, np.nan)  # one simulation of each leaves no distance from itself either
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = metric_agreement({"lost": lost, "none": np.full_like(truth, np.nan)}, answers, 10, bootstrap=5)
+    per_fabric = found["lost"].per_fabric
+    assert np.isnan(per_fabric[4]) and np.isfinite(np.delete(per_fabric, 4)).all()
+    assert found["lost"].mean > 0.8 and found["lost"].interval_95 is not None
+    rest = [a for a in answers if 4 not in _named(a)]
+    predicted = metric_agreement({"true": truth}, rest, 10, bootstrap=0)["true"].answers_predicted
+    assert found["lost"].answers_predicted == predicted > 0.8
+    assert np.isnan(found["none"].mean) and np.isnan(found["none"].answers_predicted)
+    assert found["none"].interval_95 is None

@@ -5,9 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from metric.draping import DrapeRequest, RequestResult
+from metric.render import DrapeRender
+from metric.search import RankedFabric, SearchResult
 from services.cli.main import run
+from simcore.scenes import Scene
 
 VALUES = {
     "stretch_warp": 1000.0,
@@ -64,6 +69,43 @@ def test_distance_and_rank_as_json(
     assert "softer" not in out
 
 
+def test_what_was_simulated_again_says_of_which_fabric(
+    fabrics: tuple[str, str, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    a, b, _ = fabrics
+
+    def second_attempt(request: DrapeRequest) -> RequestResult:
+        again = request.scene == "stretch" and request.fabric.bending_warp == 1e-4
+        picture = np.full((64, 64), 0.5, np.float32)
+        return RequestResult(request, DrapeRender(None, picture), ("time limit",) if again else ())
+
+    monkeypatch.setattr("metric.simulate.run_request", second_attempt)
+    assert run(["distance", a, b, *QUICK, "--no-cache", "--json"]) == 0
+    said = capsys.readouterr()
+    assert f"B ({b}): stretch 1 was simulated again: time limit\n" in said.err and "A (" not in said.err
+    assert json.loads(said.out)["retries"] == [
+        {"fabric": "B", "scene": "stretch", "repeat": repeat, "reasons": ["time limit"]} for repeat in range(2)
+    ]
+
+
+@pytest.mark.parametrize(("top", "shown"), [([], 6), (["--top", "2"], 2), (["--top", "9"], 9), (["--top", "14"], 12)])
+def test_the_figure_shows_as_many_as_are_ranked(
+    top: list[str], shown: int, fabrics: tuple[str, str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    library = tmp_path / "many.json"
+    library.write_text(json.dumps([{"id": f"f{k}", **VALUES, "density": 0.1 + 0.01 * k} for k in range(15)]))
+    picture = dict.fromkeys(Scene, np.zeros((8, 8), np.uint8))
+    ranking = [RankedFabric(f"f{k}", float(k), None, picture) for k in range(15)]
+    monkeypatch.setattr("metric.search.search_library", lambda *_, **__: SearchResult(ranking, picture))
+    figure = tmp_path / "search.svg"
+    drawn: list[str] = []
+    monkeypatch.setattr("metric.figures._show", lambda _axes, _pictures, title: drawn.append(title))
+    assert run(["rank", fabrics[0], str(library), *QUICK, *top, "--figure", str(figure)]) == 0
+    names = [title.split("\n")[0] for title in drawn]
+    assert names[0] == names[shown + 1] == "reference" and len(names) == 2 * (shown + 1)
+    assert names[1 : shown + 1] == [f"f{k}" for k in range(shown)] and figure.stat().st_size > 100
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -110,7 +152,7 @@ def test_a_cache_folder_that_cannot_be_made(
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "file" / "cache"))
     assert run(["distance", fabrics[0], fabrics[1], "--backend", "depth"]) == 2
-    assert "--no-cache" in capsys.readouterr().err
+    assert "set DRAPEMETER_CACHE to another folder, or give --no-cache" in capsys.readouterr().err
 
 
 def test_missing_weights_exit_1_and_name_the_way_out(

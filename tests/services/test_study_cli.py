@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,11 @@ from metric.simulate import SimulationPlan, samples_apart
 from services.cli.main import run
 from services.web.study_pictures import entries_from_library
 from simcore.errors import SimulationError
+from simcore.parameters import FabricParameters
 from simcore.prior import FabricPrior
+from simcore.scenes import Scene
+
+OTHER_CACHE = "set DRAPEMETER_CACHE to another folder, or to nothing at all to keep nothing [folder_unusable]"
 
 
 @pytest.fixture
@@ -113,6 +118,10 @@ def test_photographs_that_the_library_does_not_name_are_refused(
     said = capsys.readouterr().err
     assert "no fabric named Fabric-3 (it has fabric-0, " in said and said.endswith("[photographs_unknown]\n")
     assert not (folder / "d.db").exists()
+    (folder / "photos" / "Fabric-3").rename(folder / "Fabric-3")
+    assert run(["study", "make", library, "--photographs", photos]) == 0
+    assert "no photographs of fabric-3: the study is without them" in capsys.readouterr().err
+    (folder / "Fabric-3").rename(folder / "photos" / "Fabric-3")
     study = document(capsys, "study", "make", "--photographs", photos)["study"]
     document(capsys, "study", "simulate", study, "--observers", "1")
     assert run(["study", "analyse", study, "--simulated", "--backends", "nothing"]) == 2
@@ -190,6 +199,18 @@ def test_unusable_studies_name_the_way_out(folder: Path, capsys: pytest.CaptureF
         assert not (folder / "d.db").exists()
 
 
+@pytest.mark.parametrize("command", ["make", "compare"])
+def test_a_cache_that_cannot_be_is_told_in_words_that_help_and_leaves_nothing(
+    command: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = {"make": [str(folder / "library.json")], "compare": ["--backends", "depth"]}[command]
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(folder / "library.json" / "cache"))
+    before = sorted(folder.iterdir())
+    assert run(["study", command, *arguments]) == 2
+    assert capsys.readouterr().err.endswith(f"{OTHER_CACHE}\n")
+    assert sorted(folder.iterdir()) == before
+
+
 def analytic_drape(request: DrapeRequest) -> RequestResult:
     """Stands for a simulation: soft and heavy fabrics fold more, repeats differ by a shift."""
     y, x = np.mgrid[0:256, 0:256] / 255.0
@@ -217,3 +238,64 @@ def test_comparison_of_image_distances(
     assert found["parameters"]["z-score"]["bending"] == 1.0
     assert (out / "shares.png").stat().st_size > 1000
     assert json.loads((out / "comparison.json").read_text()) == found
+
+
+def losing(lost: Sequence[FabricParameters]) -> Callable[[DrapeRequest], RequestResult]:
+    """Simulations of which some fabrics never come to rest."""
+
+    def drape(request: DrapeRequest) -> RequestResult:
+        if request.fabric in lost and request.scene is Scene.STRETCH:
+            return RequestResult(request, None, ("diverged",))
+        return analytic_drape(request)
+
+    return drape
+
+
+SMALL = ["--simulations", "2", "--resolution", "0.025", "--workers", "1"]
+
+
+def test_a_fabric_that_cannot_be_simulated_is_named_and_the_others_are_analysed(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fabrics = FabricPrior.default().sample(range(8), seed=0)
+    photos = ["--photographs", str(folder / "photos")]
+    study = document(capsys, "study", "make", str(folder / "library.json"), *photos)["study"]
+    document(capsys, "study", "simulate", study, "--observers", "5")
+    analyse = ["study", "analyse", study, "--simulated", "--backends", "depth", "--bootstrap", "5", *SMALL, "--json"]
+
+    kept = str(folder / "cache")
+    monkeypatch.setenv("DRAPEMETER_CACHE", str(folder / "library.json" / "cache"))
+    assert run(analyse) == 2
+    assert capsys.readouterr().err.endswith(f"{OTHER_CACHE}\n")
+    monkeypatch.setenv("DRAPEMETER_CACHE", kept)
+
+    monkeypatch.setattr("metric.simulate.run_request", losing(fabrics[3:4]))
+    assert run(analyse) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert "no metric is compared with people on fabric-3: 2 of 4 simulations did not come to rest" in said.err
+    assert [lost["fabric"] for lost in found["left_out"]] == ["fabric-3"]
+    assert set(found["metrics"]) == {"parameters", "depth"}
+    for score in found["metrics"].values():
+        assert [k for k, value in enumerate(score["per_fabric"]) if value is None] == [3]
+        assert score["interval_95"] is not None and 0 <= score["answers_predicted"] <= 1
+
+    monkeypatch.setenv("DRAPEMETER_CACHE", "")
+    monkeypatch.setattr("metric.simulate.run_request", losing(fabrics[2:]))
+    assert run(analyse) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert "no metric is compared with people: of 8 fabrics 2 could be simulated" in said.err
+    assert found["metrics"] == {} and len(found["left_out"]) == 6
+    assert found["agreement"]["questions"] >= 5 and len(found["embedding"]["points"]) == 8
+
+
+def test_a_study_names_the_fabrics_that_cannot_be_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    library = [LibraryFabric(f"fabric-{k}", f) for k, f in enumerate(FabricPrior.default().sample(range(4), seed=0))]
+    monkeypatch.setattr("metric.simulate.run_request", losing([library[1].parameters, library[3].parameters]))
+    plan = SimulationPlan(simulations=2, resolution_m=0.025, workers=1)
+    told = r"^fabric-1, fabric-3 could not be simulated \(of fabric-1 2 of 4 .*diverged\)\): take .*--seed"
+    with pytest.raises(SimulationError, match=told) as caught:
+        entries_from_library(library, plan)
+    assert caught.value.code == "simulation_not_still"
+    assert [len(entry.pictures) for entry in entries_from_library(library[::2], plan)] == [4, 4]

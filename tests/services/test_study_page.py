@@ -16,6 +16,7 @@ from PIL import Image
 
 from services.db.engine import Database
 from services.db.migrate import upgrade
+from services.db.studies import StudyAnswer, StudyParticipant
 from services.web.study_app import create_study_app
 from services.web.study_create import PictureFile, StudyEntry, check_names, create_study, list_studies
 from services.web.study_pictures import entries_from_photographs
@@ -131,6 +132,25 @@ def test_the_page_loads_nothing_from_elsewhere(client: TestClient) -> None:
         assert client.get("/" + asset).status_code == 200
     assert "http://" not in page.text
     assert "https://" not in page.text
+
+
+def test_people_are_told_all_that_is_stored_of_them(client: TestClient) -> None:
+    """A column that is added needs its words on the page, or stands for nothing about a person."""
+    told = {
+        StudyParticipant: {"created_at": "when you begin", "experience": "what you say here"},
+        StudyAnswer: {
+            "chosen": "your answers",
+            "answered_at": "when you gave them",
+            "milliseconds": "how long they took",
+            "changes": "how often you changed your mind",
+        },
+    }
+    nothing = {"number", "id", "study_number", "place", "simulated", "questions", "participant_number", "position"}
+    page = " ".join(client.get("/").text.split())
+    sentence = page[page.index("<p>Kept are") : page.index("nothing else about you")]
+    for table, words in told.items():
+        assert {column.key for column in table.__table__.columns} - nothing == set(words)
+        assert all(part in sentence for part in words.values())
 
 
 def test_the_same_answer_again_keeps_the_time_that_it_took(store: StudyStore) -> None:
@@ -276,6 +296,37 @@ def test_pictures_of_other_kinds_look_as_they_are(tmp_path: Path) -> None:
     )
     assert abs(float(ramp_shown.mean()) - 127.5) < 3.0 and ramp_shown[:, 0].max() < 20
     assert clear_shown.min() > 250
+
+
+@pytest.mark.parametrize(
+    ("strange", "told"),
+    [
+        ("loose.jpg", r"loose\.jpg is in no fabric's subfolder: move it into one"),
+        ("IMG_1.HEIC", r"IMG_1\.HEIC is in no fabric's subfolder"),
+        ("cotton/more/b.jpg", "cotton: more is a folder, .*: move its photographs up into cotton"),
+        ("cotton/more/", "cotton: more is a folder"),
+    ],
+)
+def test_photographs_in_the_wrong_place_are_refused(strange: str, told: str, tmp_path: Path) -> None:
+    for place in ("cotton/a.jpg", strange):
+        (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
+        if place.endswith("/"):
+            (tmp_path / place).mkdir()
+        else:
+            Image.new("RGB", (8, 8)).save(tmp_path / place, format="JPEG")
+    with pytest.raises(InputError, match=told) as caught:
+        entries_from_photographs(tmp_path)
+    assert caught.value.code == "photograph_kind"
+
+
+def test_what_is_hidden_or_left_behind_is_no_fabric(tmp_path: Path) -> None:
+    for place in ("cotton", ".git", "__MACOSX", "@eaDir", "cotton/@eaDir", "cotton/.thumbnails", ".trash"):
+        (tmp_path / place).mkdir()
+        Image.new("RGB", (8, 8)).save(tmp_path / place / "a.jpg")
+    for name in (".hidden.jpg", "Thumbs.db", "notes.txt"):
+        (tmp_path / name).touch()
+    (cotton,) = entries_from_photographs(tmp_path)
+    assert cotton.name == "cotton" and len(cotton.pictures) == 1
 
 
 @pytest.mark.parametrize(
