@@ -130,6 +130,22 @@ def test_train_prints_one_document(store: Path, tmp_path: Path, capsys: pytest.C
     assert meta["provenance"]["base_weights"] is None
 
 
+def test_the_model_is_safe_before_the_last_events(
+    model: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever becomes of them: hours of training are behind it."""
+
+    def fails(*_: object) -> None:
+        raise RuntimeError("the last events")
+
+    monkeypatch.setattr("trainer.train.train", lambda *_, **__: load_model(model))
+    monkeypatch.setattr("trainer.tracking.TensorBoardLog.finish", fails)
+    out, events = tmp_path / "m", tmp_path / "events"
+    code, said = failure(capsys, "train", "--store", str(store), "--out", str(out), "--tensorboard", str(events))
+    assert code == 1 and "the last events" in said
+    assert load_model(out).version == load_model(model).version
+
+
 def test_estimate_prints_one_document(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = run_json(capsys, "estimate", str(capture_set), "--density", "0.15", "--model", str(model))
     assert [f["id"] for f in document["fabrics"]] == ["f1", "f2"]

@@ -243,6 +243,46 @@ def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path)
     assert {event.step for tag in read.Tags()["scalars"] for event in read.Scalars(tag)} == {40}  # scores at the last
 
 
+@pytest.mark.parametrize("written", [0, 1, 3])
+def test_events_that_cannot_be_written_are_told_of_once(
+    written: int, tiny_model: TrainedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether the disk is full from the beginning, in the middle or at the scores; hours of training are behind it."""
+    from tensorboard.summary.writer.record_writer import RecordWriter
+
+    from trainer.tracking import TensorBoardLog
+
+    records: list[bytes] = []
+
+    def write(writer: RecordWriter, data: bytes) -> None:
+        if len(records) == written:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        records.append(data)
+
+    monkeypatch.setattr(RecordWriter, "write", write)
+    seen: list[Progress] = []
+    told: list[str] = []
+    log = TensorBoardLog(tmp_path / "events", seen.append, told.append)
+    steps = [Progress(step, 2, 0.5) for step in (1, 2)]
+    for step in steps:
+        log.report(step)
+    log.finish(tiny_model.metrics)
+    assert seen == steps and len(records) == written
+    (line,) = told
+    assert line.startswith(f"{tmp_path / 'events'}: TensorBoard events cannot be written (No space left on device)")
+
+
+def test_a_folder_of_events_that_cannot_be_made_is_told_of(tiny_model: TrainedModel, tmp_path: Path) -> None:
+    from trainer.tracking import TensorBoardLog
+
+    (tmp_path / "events").write_text("mine")
+    told: list[str] = []
+    log = TensorBoardLog(tmp_path / "events", tell=told.append)
+    log.report(Progress(1, 1, 0.5))
+    log.finish(tiny_model.metrics)
+    assert len(told) == 1 and "File exists" in told[0] and (tmp_path / "events").read_text() == "mine"
+
+
 def test_a_model_travels_to_a_process_without_torchvision(tiny_model: TrainedModel) -> None:
     import subprocess
     import sys
