@@ -157,7 +157,7 @@ def test_an_interrupted_training_closes_its_events(
 
     closed: list[TensorBoardLog] = []
     monkeypatch.setattr("trainer.train.train", interrupted)
-    monkeypatch.setattr(TensorBoardLog, "close", closed.append)
+    monkeypatch.setattr(TensorBoardLog, "close", lambda log: closed.append(log))
     out, events = tmp_path / "m", tmp_path / "events"
     code, _ = failure(capsys, "train", "--store", str(store), "--out", str(out), "--tensorboard", str(events))
     assert code == 130 and len(closed) == 1 and not out.exists()
