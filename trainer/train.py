@@ -86,7 +86,7 @@ def train(
 
     Args:
         source: pictures with their parameters.
-        config: every choice; the network's are the earlier model's where there is one, and ``pretrained`` is False then.
+        config: every choice; the network's are the earlier model's where there is one, and not ``pretrained`` then.
         start: an earlier model to go on from, with its scaling of the targets; left as it is.
         provenance: where the pictures came from, kept with the model.
         report: called after each step.
