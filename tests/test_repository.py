@@ -21,8 +21,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PACKAGES = ("simcore", "renderer", "capture", "metric", "trainer", "diagnosis", "services")
-NOT_IMPORTED = {"mkl", "psycopg", "python-multipart", "tensorboard"}
-"""What other libraries load by name: a shared library, a driver, a reader of forms, a writer of events."""
+NOT_IMPORTED = {"mkl", "psycopg", "python-multipart"}
+"""What other libraries load by name: a shared library, a driver, a reader of forms."""
 OPTIONAL = {"pyrealsense2"}  # asked for by name where a camera is used
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,6 +60,7 @@ def train(
     """
     from trainer.model import load_model
     from trainer.presets import preset_config
+    from trainer.tracking import TensorBoardLog
 
     asked = {
         "epochs": epochs,
@@ -83,9 +85,15 @@ def train(
             raise InputError(f"{tensorboard} lies in {out}, which is replaced: give another", code="output_twice")
     earlier = load_model(start) if start is not None else None
     started = time.monotonic()
-    with console.progress("training") as bar:
-        model = run(store, config, earlier, ranks, address, show_on(bar), tensorboard)
-    version = model.save(out)
+    with ExitStack() as stack:
+        show = show_on(stack.enter_context(console.progress("training")))
+        log: TensorBoardLog | None = None
+        if tensorboard is not None:
+            log = stack.enter_context(TensorBoardLog(tensorboard, show, console.note))
+        model = run(store, config, earlier, ranks, address, show if log is None else log.report)
+        version = model.save(out)
+        if log is not None:
+            log.finish(model.metrics)
     report(model, out, version, time.monotonic() - started, json_output)
 
 
@@ -121,29 +129,21 @@ def run(
     start: TrainedModel | None,
     ranks: int,
     address: str | None,
-    show: Callable[[Progress], None],
-    tensorboard: Path | None,
+    report_step: Callable[[Progress], None],
 ) -> TrainedModel:
-    """Train here or on Ray, from scratch or from an earlier model, tracked by TensorBoard if a folder is given."""
+    """Train here or on Ray, from scratch or from an earlier model."""
     from services.training.job import train_on_ray
     from trainer.store_source import StoreSource
     from trainer.symmetry import as_symmetric
-    from trainer.tracking import TensorBoardLog
     from trainer.train import train as train_here
 
-    log = TensorBoardLog(tensorboard, show) if tensorboard is not None else None
-    report_step = log.report if log is not None else show
     source = StoreSource(store, config.inclinations)
     asked, config = config, as_symmetric(config, source.provenance())
     if config != asked:
         console.note("pictures are not mirrored: this store's simulator has effects that may be one-sided")
     if ranks:
-        model = train_on_ray(store, config, ranks=ranks, address=address, start=start, report=report_step)
-    else:
-        model = train_here(source, config, start=start, provenance=source.provenance(), report=report_step)
-    if log is not None:
-        log.finish(model.metrics)
-    return model
+        return train_on_ray(store, config, ranks=ranks, address=address, start=start, report=report_step)
+    return train_here(source, config, start=start, provenance=source.provenance(), report=report_step)
 
 
 def report(model: TrainedModel, out: Path, version: str, seconds: float, json_output: bool) -> None:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from types import ModuleType, SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from capture.capture_set import Capture, new_document, write_captures_json
+from capture.normalise import NetworkInput
 from capture.prepare import PreparedCapture, prepare_all
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth_png import write_depth_png
@@ -22,10 +23,15 @@ from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
 from services.cli import main
 from services.training.job import TrainingRank
 from simcore.parameters import ESTIMATED_NAMES, UNITS
+from simcore.scenes import Scene
 from tests.trainer.analytic import AnalyticSource
 from trainer import ablation, evaluate_captures, saliency
-from trainer.config import NetworkConfig
-from trainer.model import load_model
+from trainer.config import NetworkConfig, TrainConfig
+from trainer.model import TrainedModel, load_model
+from trainer.network import DrapeNetwork
+from trainer.predict import Estimator
+from trainer.tracking import TensorBoardLog
+from trainer.train import Progress
 
 QUICK = ["--preset", "quick", "--epochs", "1", "--trunk-width", "0.125"]
 
@@ -130,6 +136,37 @@ def test_train_prints_one_document(store: Path, tmp_path: Path, capsys: pytest.C
     assert meta["provenance"]["base_weights"] is None
 
 
+def test_the_model_is_safe_before_the_last_events(
+    model: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever becomes of them: hours of training are behind it."""
+
+    def fails(*_: object) -> None:
+        raise RuntimeError("the last events")
+
+    monkeypatch.setattr("trainer.train.train", lambda *_, **__: load_model(model))
+    monkeypatch.setattr("trainer.tracking.TensorBoardLog.finish", fails)
+    out, events = tmp_path / "m", tmp_path / "events"
+    code, said = failure(capsys, "train", "--store", str(store), "--out", str(out), "--tensorboard", str(events))
+    assert code == 1 and "the last events" in said
+    assert load_model(out).version == load_model(model).version
+
+
+def test_an_interrupted_training_closes_its_events(
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, report: Callable[[Progress], None], **__: object) -> None:
+        report(Progress(1, 2, 0.5))
+        raise KeyboardInterrupt
+
+    closed: list[TensorBoardLog] = []
+    monkeypatch.setattr("trainer.train.train", interrupted)
+    monkeypatch.setattr(TensorBoardLog, "close", lambda log: closed.append(log))
+    out, events = tmp_path / "m", tmp_path / "events"
+    code, _ = failure(capsys, "train", "--store", str(store), "--out", str(out), "--tensorboard", str(events))
+    assert code == 130 and len(closed) == 1 and not out.exists()
+
+
 def test_estimate_prints_one_document(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
     document = run_json(capsys, "estimate", str(capture_set), "--density", "0.15", "--model", str(model))
     assert [f["id"] for f in document["fabrics"]] == ["f1", "f2"]
@@ -213,6 +250,24 @@ def test_an_empty_picture_is_refused(model: Path, capture_set: Path, capsys: pyt
     write_depth_png(capture_set / "f1-hanging-0.png", flat)
     code, said = failure(capsys, "estimate", str(capture_set), "--density", "0.2", "--model", str(model))
     assert code == 2 and "f1" in said
+
+
+def test_a_fabric_whose_picture_is_empty_is_named(
+    capture_set: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the emptiness shows in what the network sees alone."""
+    network = DrapeNetwork(NetworkConfig(input_size=64, trunk_width=0.125)).eval()
+    stub = SimpleNamespace(network=network, config=TrainConfig(network=network.config), version="v", provenance={})
+    monkeypatch.setattr("trainer.predict.Estimator.load", lambda folder: Estimator(cast(TrainedModel, stub)))
+
+    def inputs(*_: object) -> dict[str, dict[str, list[NetworkInput]]]:
+        flat = NetworkInput(np.zeros((256, 256), np.float32), np.ones((256, 256), np.bool_), Scene.HANGING)
+        return {fabric: {"hanging": [flat]} for fabric in ("f1", "f2")}
+
+    monkeypatch.setattr("capture.prepare.inputs_by_fabric", inputs)
+    code, said = failure(capsys, "estimate", str(capture_set), "--density", "0.2")
+    assert code == 2 and said.startswith("error: fabric 'f1': picture 1 of 1 of hanging shows no cloth")
+    assert said.endswith("[no_cloth]")
 
 
 def test_the_real_capture(model: Path, shared_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:

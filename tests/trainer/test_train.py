@@ -7,17 +7,21 @@ import json
 import math
 import os
 import pickle
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
-from simcore.errors import DrapemeterError, InputError
+import trainer.train
+from simcore.errors import DrapemeterError, InputError, StoreError
 from simcore.parameters import ESTIMATED_NAMES
 from trainer.config import NetworkConfig, TrainConfig
+from trainer.dataset import Partition
 from trainer.evaluate import Metrics
 from trainer.inference import extract_pairs
 from trainer.model import TrainedModel, load_model, model_version
@@ -206,12 +210,13 @@ def test_a_preset_that_is_none_names_those_there_are() -> None:
 
 def test_going_on_from_a_model(tiny_model: TrainedModel, tiny_config: TrainConfig) -> None:
     before = tiny_model.version
-    config = replace(tiny_config, epochs=1, network=NetworkConfig(), learning_rate=1e-6)
+    config = replace(tiny_config, epochs=1, network=NetworkConfig(), learning_rate=1e-6, pretrained=True)
     further = train(SHORT, config, start=tiny_model)
     kept = tiny_model.scaling
     widened = replace(further.scaling, density_low=kept.density_low, density_high=kept.density_high)
     assert widened == kept and further.scaling.density_high >= kept.density_high
     assert further.config.network == tiny_model.config.network
+    assert not further.config.pretrained and further.provenance["base_weights"] is None  # nothing began with ImageNet's
     assert further.provenance["start"]["model_version"] == before == tiny_model.version != further.version
     old, new = (m.network.trunk.conv1.weight for m in (tiny_model, further))
     assert torch.allclose(old, new, atol=1e-3)
@@ -225,6 +230,47 @@ def test_only_hanging_pictures_are_mirrored() -> None:
     many = torch.arange(3.0).repeat(1000, 2, 1, 1, 1)
     half = (mirror_hanging(many, 0.5, seed=1)[:, 0, 0, 0, 0] == 2).float().mean()
     assert 0.4 < float(half) < 0.6
+
+
+@dataclass(frozen=True)
+class DamagedSource(AnalyticSource):
+    """Analytic cloth of which one row cannot be read; ``shards`` lists those that rows were read of."""
+
+    damaged: int = -1
+    shards: list[int] = field(default_factory=list)
+
+    def read(self, rows: NDArray[np.int64]) -> Tensor:
+        read = self.table().take(rows)
+        self.shards.extend(int(shard) for shard in np.unique(read.shard))
+        if self.damaged in rows:
+            raise StoreError(f"row {self.damaged} has no picture", code="store_damaged")
+        return super().read(rows)
+
+
+@pytest.mark.parametrize("part", ["calibration", "test"])
+def test_damage_of_what_is_held_out_is_found_before_the_first_step(part: str, tiny_config: TrainConfig) -> None:
+    """Training reads none of it, and takes hours."""
+    config = replace(tiny_config, epochs=1)
+    table = SHORT.table()
+    row = int(table.of_materials(getattr(split_of(table, config), part)).row[-1])
+    seen: list[Progress] = []
+    with pytest.raises(StoreError, match=f"row {row} has no picture"):
+        train(DamagedSource(SHORT.materials, SHORT.jitters, damaged=row), config, report=seen.append)
+    assert not seen
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_what_is_held_out_is_read_once_by_one_rank(
+    rank: int, tiny_config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for step in ("broadcast_state", "fit"):
+        monkeypatch.setattr(trainer.train, step, lambda *_, **__: None)
+    source = DamagedSource(SHORT.materials, SHORT.jitters)
+    table = source.table()
+    split = split_of(table, tiny_config)
+    held_out = table.of_materials(np.concatenate([split.calibration, split.test]))
+    trainer.train.learn(source, tiny_config, partition=Partition(rank, 2))
+    assert source.shards == ([] if rank else np.unique(held_out.shard).tolist())
 
 
 def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path) -> None:
@@ -241,6 +287,64 @@ def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path)
 
     read = EventAccumulator(str(tmp_path / "events")).Reload()
     assert {event.step for tag in read.Tags()["scalars"] for event in read.Scalars(tag)} == {40}  # scores at the last
+
+
+def test_a_step_that_is_told_of_again_is_written_once(tmp_path: Path) -> None:
+    """Ranks are asked every half second, and their steps may take minutes; an interrupted log is closed."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    from trainer.tracking import TensorBoardLog
+
+    seen: list[Progress] = []
+    steps = [Progress(step, 3, 0.5) for step in (1, 1, 1, 2, 2)]
+    with pytest.raises(KeyboardInterrupt), TensorBoardLog(tmp_path, seen.append) as log:
+        for step in steps:
+            log.report(step)
+        raise KeyboardInterrupt
+    log.report(Progress(3, 3, 0.5))
+    read = EventAccumulator(str(tmp_path)).Reload()
+    assert [event.step for event in read.Scalars("train/squared_error")] == [1, 2]
+    assert seen == [*steps, Progress(3, 3, 0.5)]
+
+
+@pytest.mark.parametrize("written", [0, 1, 3])
+def test_events_that_cannot_be_written_are_told_of_once(
+    written: int, tiny_model: TrainedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether the disk is full from the beginning, in the middle or at the scores; hours of training are behind it."""
+    from tensorboard.summary.writer.record_writer import RecordWriter
+
+    from trainer.tracking import TensorBoardLog
+
+    records: list[bytes] = []
+
+    def write(writer: RecordWriter, data: bytes) -> None:
+        if len(records) == written:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        records.append(data)
+
+    monkeypatch.setattr(RecordWriter, "write", write)
+    seen: list[Progress] = []
+    told: list[str] = []
+    log = TensorBoardLog(tmp_path / "events", seen.append, told.append)
+    steps = [Progress(step, 2, 0.5) for step in (1, 2)]
+    for step in steps:
+        log.report(step)
+    log.finish(tiny_model.metrics)
+    assert seen == steps and len(records) == written
+    (line,) = told
+    assert line.startswith(f"{tmp_path / 'events'}: TensorBoard events cannot be written (No space left on device)")
+
+
+def test_a_folder_of_events_that_cannot_be_made_is_told_of(tiny_model: TrainedModel, tmp_path: Path) -> None:
+    from trainer.tracking import TensorBoardLog
+
+    (tmp_path / "events").write_text("mine")
+    told: list[str] = []
+    log = TensorBoardLog(tmp_path / "events", tell=told.append)
+    log.report(Progress(1, 1, 0.5))
+    log.finish(tiny_model.metrics)
+    assert len(told) == 1 and "File exists" in told[0] and (tmp_path / "events").read_text() == "mine"
 
 
 def test_a_model_travels_to_a_process_without_torchvision(tiny_model: TrainedModel) -> None:
