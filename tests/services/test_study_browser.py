@@ -15,7 +15,7 @@ from PIL import Image
 
 from services.db.engine import Database
 from services.db.migrate import upgrade
-from services.web.study_create import PictureFile, StudyEntry, create_study
+from services.web.study_create import PictureFile, StudyEntry, create_study, list_studies
 from services.web.study_store import StudyStore
 
 pytestmark = pytest.mark.browser
@@ -226,10 +226,44 @@ def test_a_page_that_was_open_for_days_answers(page: Any, served: tuple[str, Stu
 
 
 def test_an_address_of_nobody(page: Any, served: tuple[str, StudyStore]) -> None:
+    page.goto("about:blank")
     page.goto(served[0] + "#part_0")
-    page.reload()
     page.wait_for_selector("#trouble:not([hidden])")
     assert "no participant" in page.inner_text("#trouble")
+    assert page.is_visible("#welcome") and page.inner_text("#study-name") == "Pilot study"
+
+
+def test_a_beginning_that_fails_is_tried_again(page: Any, served: tuple[str, StudyStore]) -> None:
+    """Nobody begins twice; a page that came to nothing has a button; an identifier of nobody is dropped."""
+    fail = "() => document.getElementById('trouble').hidden === false"
+    page.route("**/participants/part_*", lambda route: route.fulfill(status=503, body="{}"))
+    page.click("#begin button")
+    page.wait_for_function(fail)
+    address = page.url
+    page.unroute("**/participants/part_*")
+    page.click("#begin button")
+    expect_question(page, 1)
+    assert page.url == address and list_studies(served[1].database)[0]["begun"] == 1
+
+    passing = [(503, "{}"), (404, "<p>no such page</p>")]  # the second is a proxy's
+    page.route("**/participants/part_*", lambda route: route.fulfill(status=passing[0][0], body=passing.pop(0)[1]))
+    page.reload()
+    for status in (503, 404):
+        page.wait_for_function(fail)
+        assert str(status) in page.inner_text("#trouble") and page.is_hidden("#welcome") and page.url == address
+        if not passing:
+            page.unroute("**/participants/part_*")
+        page.click("#again")
+    expect_question(page, 1)
+    assert page.is_hidden("#again")
+
+    page.goto(served[0] + "#part_0")
+    page.wait_for_selector("#welcome:not([hidden])")
+    page.wait_for_function(fail)
+    assert "no participant" in page.inner_text("#trouble") and page.is_hidden("#again")
+    assert page.url == served[0]
+    begin(page)
+    assert list_studies(served[1].database)[0]["begun"] == 2
 
 
 def test_a_double_click_answers_once(page: Any, served: tuple[str, StudyStore]) -> None:

@@ -13,9 +13,12 @@ let position = null;
 let shownAt = 0;
 let running = null;
 
+// The study itself says so; a 404 of something between it and the page is trouble that passes.
+class Nobody extends Error {}
+
 async function call(path, options) {
   const answer = await fetch(path, options);
-  if (answer.status === 404) throw new Error("This address belongs to no participant of this study.");
+  if (answer.status === 404 && (await answer.json().catch(() => ({}))).code === "not_found") throw new Nobody();
   if (!answer.ok) throw new Error(`The server answered ${answer.status}.`);
   return answer.status === 204 ? null : answer.json();
 }
@@ -28,20 +31,36 @@ function show(section) {
   for (const id of SECTIONS) byId(id).hidden = id !== section;
 }
 
+function describe(error) {
+  if (error instanceof Nobody) return "This address belongs to no participant of this study. You may begin here anew.";
+  return `${error.message} Nothing you answered before is lost; try again.`;
+}
+
 function trouble(error) {
   const line = byId("trouble");
   line.hidden = error === null;
-  line.textContent = error === null ? "" : `${error.message} Nothing you answered before is lost; try again.`;
+  line.textContent = error === null ? "" : describe(error);
+  // Where a section is shown, what failed is tried again there.
+  byId("again").hidden = error === null || SECTIONS.some((id) => !byId(id).hidden);
+}
+
+function forget() {
+  participant = "";
+  position = null;
+  history.replaceState(null, "", location.pathname + location.search);
+  show("welcome");
 }
 
 // One thing at a time: a key held down or a double click must not answer the next question.
 function alone(work) {
   if (running !== null) return;
   const finished = async () => {
+    const who = participant;
     try {
       trouble(null);
       await work();
     } catch (error) {
+      if (error instanceof Nobody && who === participant) forget();
       trouble(error);
     } finally {
       running = null;
@@ -104,10 +123,13 @@ async function back() {
   if (position !== null && position > 0) await ask(position - 1);
 }
 
+// Who has begun and not got to the first question goes on; nobody begins twice.
 async function begin() {
-  const started = await call("participants", send("POST", { experience: byId("experience").value }));
-  participant = started.participant;
-  history.replaceState(null, "", `#${participant}`);
+  if (!participant) {
+    const started = await call("participants", send("POST", { experience: byId("experience").value }));
+    participant = started.participant;
+    history.replaceState(null, "", `#${participant}`);
+  }
   await goOn();
 }
 
@@ -132,6 +154,7 @@ for (const side of ["left", "right"]) {
   });
 }
 byId("back").addEventListener("click", () => alone(back));
+byId("again").addEventListener("click", () => alone(open));
 byId("review").addEventListener("click", () => alone(() => ask(total - 1)));
 document.addEventListener("keydown", (event) => {
   if (event.repeat || event.ctrlKey || event.altKey || event.metaKey || byId("question").hidden) return;
