@@ -38,10 +38,18 @@ class TensorBoardLog:
         self._ended = False
         self._step = 0
 
+    def __enter__(self) -> TensorBoardLog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close, also when interrupted."""
+        self.close()
+
     def report(self, progress: Progress) -> None:
-        """One step."""
-        self._step = progress.step
-        self._write({"train/squared_error": progress.loss})
+        """One step, written once: ranks are asked how far they are more often than they step."""
+        if progress.step != self._step:
+            self._step = progress.step
+            self._write({"train/squared_error": progress.loss})
         if self._then is not None:
             self._then(progress)
 
@@ -53,7 +61,18 @@ class TensorBoardLog:
                 values[f"mae_log/{name}/{predictor}"] = score.mae_log
                 values[f"spearman/{name}/{predictor}"] = score.spearman
         self._write(values)
-        self._close()
+        self.close()
+
+    def close(self) -> None:
+        """No event is written after this; twice does nothing."""
+        if self._ended:
+            return
+        self._ended = True
+        try:
+            if self._file is not None:
+                self._file.close()
+        except OSError as error:
+            self._give_up(error)
 
     def _write(self, values: Mapping[str, float]) -> None:
         if self._ended:
@@ -62,16 +81,6 @@ class TensorBoardLog:
             if self._file is None:
                 self._file = _EventFile(self._folder)
             self._file.write(values, self._step)
-        except OSError as error:
-            self._give_up(error)
-
-    def _close(self) -> None:
-        if self._ended:
-            return
-        self._ended = True
-        try:
-            if self._file is not None:
-                self._file.close()
         except OSError as error:
             self._give_up(error)
 

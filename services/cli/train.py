@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,13 +85,15 @@ def train(
             raise InputError(f"{tensorboard} lies in {out}, which is replaced: give another", code="output_twice")
     earlier = load_model(start) if start is not None else None
     started = time.monotonic()
-    with console.progress("training") as bar:
-        show = show_on(bar)
-        log = TensorBoardLog(tensorboard, show, console.note) if tensorboard is not None else None
+    with ExitStack() as stack:
+        show = show_on(stack.enter_context(console.progress("training")))
+        log: TensorBoardLog | None = None
+        if tensorboard is not None:
+            log = stack.enter_context(TensorBoardLog(tensorboard, show, console.note))
         model = run(store, config, earlier, ranks, address, show if log is None else log.report)
-    version = model.save(out)
-    if log is not None:
-        log.finish(model.metrics)
+        version = model.save(out)
+        if log is not None:
+            log.finish(model.metrics)
     report(model, out, version, time.monotonic() - started, json_output)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -26,6 +26,8 @@ from tests.trainer.analytic import AnalyticSource
 from trainer import ablation, evaluate_captures, saliency
 from trainer.config import NetworkConfig
 from trainer.model import load_model
+from trainer.tracking import TensorBoardLog
+from trainer.train import Progress
 
 QUICK = ["--preset", "quick", "--epochs", "1", "--trunk-width", "0.125"]
 
@@ -144,6 +146,21 @@ def test_the_model_is_safe_before_the_last_events(
     code, said = failure(capsys, "train", "--store", str(store), "--out", str(out), "--tensorboard", str(events))
     assert code == 1 and "the last events" in said
     assert load_model(out).version == load_model(model).version
+
+
+def test_an_interrupted_training_closes_its_events(
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, report: Callable[[Progress], None], **__: object) -> None:
+        report(Progress(1, 2, 0.5))
+        raise KeyboardInterrupt
+
+    closed: list[TensorBoardLog] = []
+    monkeypatch.setattr("trainer.train.train", interrupted)
+    monkeypatch.setattr(TensorBoardLog, "close", lambda log: closed.append(log))
+    out, events = tmp_path / "m", tmp_path / "events"
+    code, _ = failure(capsys, "train", "--store", str(store), "--out", str(out), "--tensorboard", str(events))
+    assert code == 130 and len(closed) == 1 and not out.exists()
 
 
 def test_estimate_prints_one_document(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -243,6 +243,24 @@ def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path)
     assert {event.step for tag in read.Tags()["scalars"] for event in read.Scalars(tag)} == {40}  # scores at the last
 
 
+def test_a_step_that_is_told_of_again_is_written_once(tmp_path: Path) -> None:
+    """Ranks are asked every half second, and their steps may take minutes; an interrupted log is closed."""
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    from trainer.tracking import TensorBoardLog
+
+    seen: list[Progress] = []
+    steps = [Progress(step, 3, 0.5) for step in (1, 1, 1, 2, 2)]
+    with pytest.raises(KeyboardInterrupt), TensorBoardLog(tmp_path, seen.append) as log:
+        for step in steps:
+            log.report(step)
+        raise KeyboardInterrupt
+    log.report(Progress(3, 3, 0.5))
+    read = EventAccumulator(str(tmp_path)).Reload()
+    assert [event.step for event in read.Scalars("train/squared_error")] == [1, 2]
+    assert seen == [*steps, Progress(3, 3, 0.5)]
+
+
 @pytest.mark.parametrize("written", [0, 1, 3])
 def test_events_that_cannot_be_written_are_told_of_once(
     written: int, tiny_model: TrainedModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
