@@ -86,7 +86,7 @@ def train(
 
     Args:
         source: pictures with their parameters.
-        config: every choice; the network's are the earlier model's where there is one.
+        config: every choice; the network's are the earlier model's where there is one, and not ``pretrained`` then.
         start: an earlier model to go on from, with its scaling of the targets; left as it is.
         provenance: where the pictures came from, kept with the model.
         report: called after each step.
@@ -112,8 +112,8 @@ def learn(
         partition: this process's share of the shards, when several train together (``torch.distributed`` is up then).
     """
     torch.set_num_threads(config.threads)
-    if start is not None:
-        config = replace(config, network=start.config.network)
+    if start is not None:  # its weights, whatever they began with: the record says that of the earlier model
+        config = replace(config, network=start.config.network, pretrained=False)
     table = source.table()
     split = split_of(table, config, start)
     training = training_pictures(table, split, config)

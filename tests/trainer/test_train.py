@@ -206,12 +206,13 @@ def test_a_preset_that_is_none_names_those_there_are() -> None:
 
 def test_going_on_from_a_model(tiny_model: TrainedModel, tiny_config: TrainConfig) -> None:
     before = tiny_model.version
-    config = replace(tiny_config, epochs=1, network=NetworkConfig(), learning_rate=1e-6)
+    config = replace(tiny_config, epochs=1, network=NetworkConfig(), learning_rate=1e-6, pretrained=True)
     further = train(SHORT, config, start=tiny_model)
     kept = tiny_model.scaling
     widened = replace(further.scaling, density_low=kept.density_low, density_high=kept.density_high)
     assert widened == kept and further.scaling.density_high >= kept.density_high
     assert further.config.network == tiny_model.config.network
+    assert not further.config.pretrained and further.provenance["base_weights"] is None  # nothing began with ImageNet's
     assert further.provenance["start"]["model_version"] == before == tiny_model.version != further.version
     old, new = (m.network.trunk.conv1.weight for m in (tiny_model, further))
     assert torch.allclose(old, new, atol=1e-3)
