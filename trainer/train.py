@@ -93,6 +93,7 @@ def train(
 
     Raises:
         InputError: too few materials, or fewer shards than loaders.
+        StoreError: a picture cannot be read; of those held out this is found before the first step.
     """
     return finish(learn(source, config, start=start, provenance=provenance, report=report))
 
@@ -110,6 +111,10 @@ def learn(
 
     Args:
         partition: this process's share of the shards, when several train together (``torch.distributed`` is up then).
+
+    Raises:
+        InputError: too few materials, or fewer shards than loaders.
+        StoreError: a held-out picture cannot be read; nothing was learnt then.
     """
     torch.set_num_threads(config.threads)
     if start is not None:  # its weights, whatever they began with: the record says that of the earlier model
@@ -130,6 +135,8 @@ def learn(
         record["base_weights"] = start.provenance.get("base_weights")
         earlier = {name: value for name, value in start.provenance.items() if name != "learnt"}
         record["start"] = {"model_version": start.version, "provenance": earlier}
+    if partition.rank == 0:
+        check_held_out(source, table, split, config)
     broadcast_state(network, partition)
     stream = PairStream(source, training, size=config.network.input_size, seed=config.seed, partition=partition)
     pairs = batches(stream, pairs_of_batch(training, config), config.workers)
@@ -167,12 +174,28 @@ def training_pictures(table: PictureTable, split: MaterialSplit, config: TrainCo
     return training.upright() if config.inclinations == "upright" else training
 
 
+def judged_pictures(table: PictureTable, config: TrainConfig) -> PictureTable:
+    """What a finished network is calibrated and tested on, of all materials."""
+    return table.upright() if config.inclinations == "upright" else table
+
+
+def check_held_out(source: PictureSource, table: PictureTable, split: MaterialSplit, config: TrainConfig) -> None:
+    """Read the pictures to calibrate and to test on once: training reads none of them, and takes hours.
+
+    Raises:
+        StoreError: one is lost or damaged.
+    """
+    held_out = judged_pictures(table, config).of_materials(np.concatenate([split.calibration, split.test]))
+    for shard in np.unique(held_out.shard):
+        source.read(held_out.row[held_out.shard == shard])
+
+
 def finish(learnt: Learnt) -> TrainedModel:
     """Round the weights to what is stored, then calibrate and test exactly that network."""
     config, network, scaling = learnt.config, learnt.network, learnt.scaling
     if config.half_precision_weights:
         round_weights(network)
-    table = learnt.table.upright() if config.inclinations == "upright" else learnt.table
+    table = judged_pictures(learnt.table, config)
     calibration = calibrate(network, learnt.source, table, learnt.split, config, scaling)
     metrics = evaluate(network, learnt.source, table, learnt.split, scaling, calibration.intervals)
     return TrainedModel(

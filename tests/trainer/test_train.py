@@ -7,17 +7,21 @@ import json
 import math
 import os
 import pickle
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
-from simcore.errors import DrapemeterError, InputError
+import trainer.train
+from simcore.errors import DrapemeterError, InputError, StoreError
 from simcore.parameters import ESTIMATED_NAMES
 from trainer.config import NetworkConfig, TrainConfig
+from trainer.dataset import Partition
 from trainer.evaluate import Metrics
 from trainer.inference import extract_pairs
 from trainer.model import TrainedModel, load_model, model_version
@@ -226,6 +230,47 @@ def test_only_hanging_pictures_are_mirrored() -> None:
     many = torch.arange(3.0).repeat(1000, 2, 1, 1, 1)
     half = (mirror_hanging(many, 0.5, seed=1)[:, 0, 0, 0, 0] == 2).float().mean()
     assert 0.4 < float(half) < 0.6
+
+
+@dataclass(frozen=True)
+class DamagedSource(AnalyticSource):
+    """Analytic cloth of which one row cannot be read; ``shards`` lists those that rows were read of."""
+
+    damaged: int = -1
+    shards: list[int] = field(default_factory=list)
+
+    def read(self, rows: NDArray[np.int64]) -> Tensor:
+        read = self.table().take(rows)
+        self.shards.extend(int(shard) for shard in np.unique(read.shard))
+        if self.damaged in rows:
+            raise StoreError(f"row {self.damaged} has no picture", code="store_damaged")
+        return super().read(rows)
+
+
+@pytest.mark.parametrize("part", ["calibration", "test"])
+def test_damage_of_what_is_held_out_is_found_before_the_first_step(part: str, tiny_config: TrainConfig) -> None:
+    """Training reads none of it, and takes hours."""
+    config = replace(tiny_config, epochs=1)
+    table = SHORT.table()
+    row = int(table.of_materials(getattr(split_of(table, config), part)).row[-1])
+    seen: list[Progress] = []
+    with pytest.raises(StoreError, match=f"row {row} has no picture"):
+        train(DamagedSource(SHORT.materials, SHORT.jitters, damaged=row), config, report=seen.append)
+    assert not seen
+
+
+@pytest.mark.parametrize("rank", [0, 1])
+def test_what_is_held_out_is_read_once_by_one_rank(
+    rank: int, tiny_config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for step in ("broadcast_state", "fit"):
+        monkeypatch.setattr(trainer.train, step, lambda *_, **__: None)
+    source = DamagedSource(SHORT.materials, SHORT.jitters)
+    table = source.table()
+    split = split_of(table, tiny_config)
+    held_out = table.of_materials(np.concatenate([split.calibration, split.test]))
+    trainer.train.learn(source, tiny_config, partition=Partition(rank, 2))
+    assert source.shards == ([] if rank else np.unique(held_out.shard).tolist())
 
 
 def test_tensorboard_events_when_asked(tiny_model: TrainedModel, tmp_path: Path) -> None:
