@@ -17,6 +17,7 @@ from capture.normalise import CANONICAL_SAMPLE_M, NetworkInput, held_otherwise
 from simcore.errors import InputError, MissingResourceError
 from simcore.parameters import ESTIMATED_NAMES, LIMITS
 from simcore.scenes import Scene
+from trainer.config import AugmentConfig
 from trainer.dataset import SCENES
 from trainer.held import held_in_training
 from trainer.inference import scene_names
@@ -32,6 +33,9 @@ MOST_STANDARDISED = 4.0
 
 PICTURES_AT_ONCE, COMBINATIONS_AT_ONCE = 32, 4096
 """What goes through the network together: memory does not grow with the number of repeats."""
+
+SIZES_ALIKE = AugmentConfig().rescale_share
+"""Samples whose sizes differ by no more, as a share, are seen together: a training rescales its pictures by as much."""
 
 PRIOR_HALF_WIDTH = 2.0
 """Where the calibration materials were too few: the training materials' own mean ± 2 spreads."""
@@ -64,7 +68,7 @@ class Estimate:
 
 
 class _Extracted(NamedTuple):
-    """Features of one picture, [channels], with the sample's scale and the outlier score."""
+    """Features of one picture, [channels], with the sample's scale (to a millionth) and the outlier score."""
 
     maximum: torch.Tensor
     mean: torch.Tensor
@@ -104,7 +108,8 @@ class Estimator:
         """Estimate one fabric.
 
         Repeats are averaged: every combination of one picture a scene gives a prediction, and their logarithms are
-        averaged. Samples that are not 0.5 m are converted by similarity (``trainer.targets.similarity_shift``).
+        averaged. Samples that are not 0.5 m are converted by similarity (``trainer.targets.similarity_shift``); those
+        whose sizes differ by more than :data:`SIZES_ALIKE` are estimated apart, and the estimates averaged.
 
         Args:
             inputs: normalised captures by scene, one or several of each; any subset of the scenes.
@@ -116,8 +121,8 @@ class Estimator:
         check_density(density)
         pictures = _by_scene(inputs)
         extracted = {scene: self._extract(scene, shown) for scene, shown in pictures.items()}
-        scales = sorted({round(e.scale, 6) for shown in extracted.values() for e in shown})
-        parts = [self._predict(extracted, scale, density) for scale in scales]
+        alike = _of_like_size(extracted)
+        parts = [self._predict(shown, density) for shown in alike]
         centre = np.mean([part[0] for part in parts], axis=0)
         low = np.mean([part[1] for part in parts], axis=0)
         high = np.mean([part[2] for part in parts], axis=0)
@@ -135,7 +140,7 @@ class Estimator:
             scenes=tuple(scene.value for scene in SCENES if scene in extracted),
             model_version=self.version,
             reasons=reasons,
-            intervals_calibrated=self.model.intervals.promises(scene.value for scene in extracted),
+            intervals_calibrated=all(self.model.intervals.promises(scene.value for scene in shown) for shown in alike),
         )
 
     def _extract(self, scene: Scene, inputs: Sequence[NetworkInput]) -> list[_Extracted]:
@@ -158,16 +163,15 @@ class Estimator:
             joined = torch.cat(list(features), dim=1).double().numpy()
             scores = self.model.outliers[scene.value].scores(joined, statistics).max(axis=1)
         return [
-            _Extracted(features.maximum[k], features.mean[k], inputs[k].length_scale, float(scores[k]))
+            _Extracted(features.maximum[k], features.mean[k], round(inputs[k].length_scale, 6), float(scores[k]))
             for k in range(len(inputs))
         ]
 
     def _predict(
-        self, extracted: Mapping[Scene, list[_Extracted]], scale: float, density: float
+        self, shown: Mapping[Scene, list[_Extracted]], density: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Log-parameters with their interval from the samples of one size, each float64 [6]."""
-        shown = {s: [e for e in found if round(e.scale, 6) == scale] for s, found in extracted.items()}
-        scene_set = tuple(index for index, scene in enumerate(SCENES) if shown.get(scene))
+        """Log-parameters with their interval from the samples of one size or nearly, each float64 [6]."""
+        scene_set = tuple(index for index, scene in enumerate(SCENES) if scene in shown)
         combinations = list(product(*(shown[SCENES[index]] for index in scene_set)))
         scaling = self.model.scaling
         encoded = float(scaling.encode_density(np.array(density)))
@@ -178,7 +182,7 @@ class Estimator:
         half = self.model.intervals.half_widths(scene_names(scene_set), spread)
         low = np.where(np.isfinite(half), centre - half, np.minimum(centre, -PRIOR_HALF_WIDTH))
         high = np.where(np.isfinite(half), centre + half, np.maximum(centre, PRIOR_HALF_WIDTH))
-        shift = similarity_shift(scale * CANONICAL_SAMPLE_M)
+        shift = similarity_shift(_mean_scale(shown) * CANONICAL_SAMPLE_M)
         logs = scaling.decode(np.stack([centre, low, high]), np.full(3, density)) + shift
         return logs[0], logs[1], logs[2]
 
@@ -215,6 +219,34 @@ def _by_scene(
     if not found:
         raise InputError("no capture to estimate from: give at least one picture of one scene", code="no_captures")
     return found
+
+
+def _of_like_size(extracted: Mapping[Scene, list[_Extracted]]) -> list[dict[Scene, list[_Extracted]]]:
+    """Pictures whose samples' sizes agree to :data:`SIZES_ALIKE`, group by group from the smallest, by scene."""
+    groups = []
+    for scales in _alike(sorted({one.scale for found in extracted.values() for one in found})):
+        chosen = {scene: [one for one in found if one.scale in scales] for scene, found in extracted.items()}
+        groups.append({scene: found for scene, found in chosen.items() if found})
+    return groups
+
+
+def _alike(scales: list[float]) -> list[list[float]]:
+    """Ascending scales, cut at the widest gap until each part's agree."""
+    if scales[-1] <= scales[0] * (1.0 + SIZES_ALIKE):
+        return [scales]
+    cut = int(np.argmax(np.diff(np.log(scales)))) + 1
+    return [*_alike(scales[:cut]), *_alike(scales[cut:])]
+
+
+def _mean_scale(shown: Mapping[Scene, list[_Extracted]]) -> float:
+    """Of every combination of one picture a scene the geometric mean, and of these again; of equal ones to the digit.
+
+    Logarithms of parameters shift in proportion to the scale's: this shifts their mean as every combination its own.
+    """
+    scales = {one.scale for found in shown.values() for one in found}
+    if len(scales) == 1:
+        return scales.pop()
+    return math.exp(float(np.mean([np.mean([math.log(one.scale) for one in found]) for found in shown.values()])))
 
 
 def _within_limits(values: NDArray[np.float64]) -> list[float]:

@@ -15,7 +15,7 @@ from simcore.scenes import Scene
 from trainer.dataset import SCENES
 from trainer.intervals import IntervalTable
 from trainer.model import TrainedModel
-from trainer.predict import Estimator
+from trainer.predict import Estimate, Estimator
 
 from .analytic import AnalyticSource
 
@@ -90,6 +90,58 @@ def test_samples_of_another_size_are_converted(estimator: Estimator, analytic_so
     assert larger.parameters["stretch_warp"] == pytest.approx(1.2 * nominal.parameters["stretch_warp"])
     assert larger.parameters["bending_bias"] == pytest.approx(1.2**3 * nominal.parameters["bending_bias"])
     assert larger.intervals_90["bending_bias"][1] == pytest.approx(1.2**3 * nominal.intervals_90["bending_bias"][1])
+
+
+def test_samples_cut_a_millimetre_apart_are_seen_together(
+    estimator: Estimator, analytic_source: AnalyticSource
+) -> None:
+    """As if both were of the size between them; not each scene by itself."""
+
+    def seen(hanging: float, stretch: float) -> Estimate:
+        sizes = (hanging, stretch)
+        return estimator.estimate(
+            {SCENES[s]: _input(analytic_source, _row(analytic_source, s), sizes[s]) for s in range(2)}, 0.2
+        )
+
+    together, mean = seen(1.0, 1.0), math.sqrt(1.0 * 1.002)
+    apart = seen(1.0, 1.002)
+    for name in ESTIMATED_NAMES:
+        factor = mean ** (1 if name.startswith("stretch") else 3)
+        assert apart.parameters[name] == pytest.approx(factor * together.parameters[name])
+        assert apart.intervals_90[name] == pytest.approx([factor * end for end in together.intervals_90[name]])
+    single = [
+        estimator.estimate({SCENES[s]: _input(analytic_source, _row(analytic_source, s), size)}, 0.2)
+        for s, size in enumerate((1.0, 1.05))
+    ]
+    for name in ESTIMATED_NAMES:
+        expected = math.sqrt(single[0].parameters[name] * single[1].parameters[name])
+        assert seen(1.0, 1.05).parameters[name] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "groups"),
+    [
+        ([1.0], [[1.0]]),
+        ([1.0, 1.03], [[1.0, 1.03]]),
+        ([1.0, 1.031], [[1.0], [1.031]]),
+        ([1.0, 1.025, 1.035], [[1.0], [1.025, 1.035]]),
+        ([0.6, 0.61, 1.0, 1.02, 1.2], [[0.6, 0.61], [1.0, 1.02], [1.2]]),
+    ],
+)
+def test_sizes_that_agree_are_one_group(sizes: list[float], groups: list[list[float]]) -> None:
+    assert trainer.predict._alike(sizes) == groups
+
+
+@pytest.mark.parametrize("fused", [True, False])
+def test_calibrated_is_what_the_sets_of_scenes_are_that_were_used(
+    fused: bool, tiny_model: TrainedModel, analytic_source: AnalyticSource
+) -> None:
+    """Scenes of samples of very different sizes are not fused: each has its own intervals."""
+    factors = {key: (1.0 if ("+" in key) == fused else math.inf,) * 6 for key in tiny_model.intervals.factors}
+    estimator = Estimator(replace(tiny_model, intervals=IntervalTable(factors, {})))
+    for size, together in ((1.0, True), (1.002, True), (1.2, False)):
+        inputs = {SCENES[s]: _input(analytic_source, _row(analytic_source, s), (1.0, size)[s]) for s in range(2)}
+        assert estimator.estimate(inputs, 0.2).intervals_calibrated == (together == fused)
 
 
 def test_what_is_unlike_the_training_pictures_is_flagged(estimator: Estimator, analytic_source: AnalyticSource) -> None:
