@@ -76,12 +76,15 @@ def evaluate_captures(estimator: Estimator, fabrics: list[KnownFabric]) -> dict[
     """Scores by set of scenes and parameter, over the fabrics that show all scenes of the set.
 
     ``mae_range`` is relative to the range of the fabrics themselves.
+
+    Raises:
+        InputError: a fabric's captures cannot be estimated from; the message names it.
     """
     scores: dict[str, dict[str, Score]] = {}
     for scenes in ((Scene.HANGING,), (Scene.STRETCH,), (Scene.HANGING, Scene.STRETCH)):
         usable = [fabric for fabric in fabrics if all(scene in fabric.inputs for scene in scenes)]
         if usable:
-            estimates = [estimator.estimate({s: f.inputs[s] for s in scenes}, f.density) for f in usable]
+            estimates = [estimator.estimate_named(f.name, {s: f.inputs[s] for s in scenes}, f.density) for f in usable]
             scores["+".join(scene.value for scene in scenes)] = _scores(usable, estimates)
     return scores
 

@@ -143,14 +143,29 @@ class Estimator:
             intervals_calibrated=all(self.model.intervals.promises(scene.value for scene in shown) for shown in alike),
         )
 
+    def estimate_named(
+        self, fabric: str, inputs: Mapping[Scene | str, NetworkInput | Sequence[NetworkInput]], density: float
+    ) -> Estimate:
+        """As :meth:`estimate`, of one of several fabrics.
+
+        Raises:
+            InputError: as there; the message names the fabric.
+        """
+        try:
+            return self.estimate(inputs, density)
+        except InputError as error:
+            raise InputError(f"fabric {fabric!r}: {error}", code=error.code) from None
+
     def _extract(self, scene: Scene, inputs: Sequence[NetworkInput]) -> list[_Extracted]:
         size = self.model.config.network.input_size
         heights = np.stack([np.where(i.mask, i.height, np.float32(0.0)) for i in inputs]).astype(np.float32)
         pictures = resize(torch.from_numpy(heights)[:, None], size)
         statistics = picture_statistics(pictures)
-        if (statistics[:, 0] <= 0.0).any():
+        empty = np.flatnonzero(statistics[:, 0] <= 0.0)
+        if len(empty):
             raise InputError(
-                f"a {scene.value} picture shows no cloth before the panel: check the capture and its pose",
+                f"picture {empty[0] + 1} of {len(inputs)} of {scene.value} shows no cloth before the panel: check the "
+                "capture and its pose",
                 code="no_cloth",
             )
         parts = [

@@ -52,7 +52,7 @@ def estimate(
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():
-            fabrics.append((fabric_id, value, estimator.estimate(inputs[fabric_id], value)))
+            fabrics.append((fabric_id, value, estimator.estimate_named(fabric_id, inputs[fabric_id], value)))
             bar.advance()
     if json_output:
         units = {name: UNITS[name] for name in ESTIMATED_NAMES}

@@ -8,13 +8,14 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from types import ModuleType, SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from capture.capture_set import Capture, new_document, write_captures_json
+from capture.normalise import NetworkInput
 from capture.prepare import PreparedCapture, prepare_all
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth_png import write_depth_png
@@ -22,10 +23,13 @@ from renderer.store import RowStatus, ShardRows, StoreLayout, StoreWriter
 from services.cli import main
 from services.training.job import TrainingRank
 from simcore.parameters import ESTIMATED_NAMES, UNITS
+from simcore.scenes import Scene
 from tests.trainer.analytic import AnalyticSource
 from trainer import ablation, evaluate_captures, saliency
-from trainer.config import NetworkConfig
-from trainer.model import load_model
+from trainer.config import NetworkConfig, TrainConfig
+from trainer.model import TrainedModel, load_model
+from trainer.network import DrapeNetwork
+from trainer.predict import Estimator
 from trainer.tracking import TensorBoardLog
 from trainer.train import Progress
 
@@ -246,6 +250,24 @@ def test_an_empty_picture_is_refused(model: Path, capture_set: Path, capsys: pyt
     write_depth_png(capture_set / "f1-hanging-0.png", flat)
     code, said = failure(capsys, "estimate", str(capture_set), "--density", "0.2", "--model", str(model))
     assert code == 2 and "f1" in said
+
+
+def test_a_fabric_whose_picture_is_empty_is_named(
+    capture_set: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the emptiness shows in what the network sees alone."""
+    network = DrapeNetwork(NetworkConfig(input_size=64, trunk_width=0.125)).eval()
+    stub = SimpleNamespace(network=network, config=TrainConfig(network=network.config), version="v", provenance={})
+    monkeypatch.setattr("trainer.predict.Estimator.load", lambda folder: Estimator(cast(TrainedModel, stub)))
+
+    def inputs(*_: object) -> dict[str, dict[str, list[NetworkInput]]]:
+        flat = NetworkInput(np.zeros((256, 256), np.float32), np.ones((256, 256), np.bool_), Scene.HANGING)
+        return {fabric: {"hanging": [flat]} for fabric in ("f1", "f2")}
+
+    monkeypatch.setattr("capture.prepare.inputs_by_fabric", inputs)
+    code, said = failure(capsys, "estimate", str(capture_set), "--density", "0.2")
+    assert code == 2 and said.startswith("error: fabric 'f1': picture 1 of 1 of hanging shows no cloth")
+    assert said.endswith("[no_cloth]")
 
 
 def test_the_real_capture(model: Path, shared_dir: Path, capsys: pytest.CaptureFixture[str]) -> None:

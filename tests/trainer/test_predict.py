@@ -13,6 +13,7 @@ from simcore.errors import InputError, MissingResourceError
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 from simcore.scenes import Scene
 from trainer.dataset import SCENES
+from trainer.evaluate_captures import KnownFabric, evaluate_captures
 from trainer.intervals import IntervalTable
 from trainer.model import TrainedModel
 from trainer.predict import Estimate, Estimator
@@ -183,6 +184,21 @@ def test_bad_input(estimator: Estimator, analytic_source: AnalyticSource) -> Non
         with pytest.raises(InputError) as caught:
             estimator.estimate(inputs, density)
         assert caught.value.code == code
+
+
+def test_a_picture_without_cloth_is_named(estimator: Estimator, analytic_source: AnalyticSource) -> None:
+    good = _input(analytic_source, _row(analytic_source, 0))
+    nothing = replace(good, height=np.zeros_like(good.height))
+    inputs = {"hanging": [good, nothing, good]}
+    told = "picture 2 of 3 of hanging shows no cloth before the panel: check"
+    with pytest.raises(InputError, match=f"^{told}"):
+        estimator.estimate(inputs, 0.2)
+    with pytest.raises(InputError, match=f"^fabric 'f2': {told}") as caught:
+        estimator.estimate_named("f2", inputs, 0.2)
+    assert caught.value.code == "no_cloth"
+    known = [KnownFabric(name, 0.2, np.ones(6), {Scene.HANGING: shown}) for name, shown in (("a", [good]), ("b", []))]
+    with pytest.raises(InputError, match=r"^fabric 'b': no capture to estimate from"):
+        evaluate_captures(estimator, known)
 
 
 def test_without_a_default_model_the_error_says_how_to_get_one(
