@@ -44,7 +44,8 @@ def xgradcam(network: DrapeNetwork, images: Tensor, density: Tensor, output: int
     """XGradCAM maps of single pictures.
 
     The weight of a channel is the sum of gradient times activation over the sum of the activations; the map is the
-    positive part of the weighted activations.
+    positive part of the weighted activations. They are those of the trunk's last ReLU: the weight is a mean of the
+    gradients only where no activation is negative, and behind the attention some are.
 
     Args:
         images: float32, shape [pictures, channels, size, size], from ``network_images``.
@@ -52,12 +53,12 @@ def xgradcam(network: DrapeNetwork, images: Tensor, density: Tensor, output: int
         output: index of the parameter.
 
     Returns:
-        float32, shape [pictures, h, w] (the last feature map's size), not scaled.
+        float32, shape [pictures, h, w] (the trunk's size), not scaled.
     """
     with torch.no_grad():
-        activation = network.feature_map(images)
+        activation = network.trunk(images)
     activation = activation.detach().requires_grad_()
-    pooled = network.pool(activation)
+    pooled = network.pool(network.attention(activation))
     present = torch.ones((len(images), 1), dtype=torch.bool)
     fused = fuse(Features(pooled.maximum[:, None], pooled.mean[:, None]), present)
     answer = network.regress(fused, density).mean[:, output].sum()

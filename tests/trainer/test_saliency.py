@@ -12,6 +12,7 @@ from trainer.model import TrainedModel
 from trainer.network import DrapeNetwork
 from trainer.presets import PRESETS
 from trainer.saliency import aggregate, save_figure, xgradcam
+from trainer.trunk import SelfAttention
 
 from .analytic import AnalyticSource
 
@@ -48,6 +49,28 @@ def test_xgradcam_of_a_maximum_looks_at_one_place_a_channel() -> None:
     # The gradient is 2 at the largest place: weight = 2 * max / sum.
     expected = torch.relu(2.0 * channel.max() / channel.sum() * channel)
     assert torch.allclose(xgradcam(network, images, torch.zeros(1), 0)[0], expected, atol=1e-4)
+
+
+def test_xgradcam_with_attention_is_of_activations_that_have_no_sign() -> None:
+    """Behind the attention they have: their sum, which a channel's weight is over, may be next to nothing."""
+    torch.manual_seed(3)
+    network = DrapeNetwork(NetworkConfig(input_size=128, trunk_width=0.125, hidden=(), dropout=0.0)).eval()
+    assert isinstance(network.attention, SelfAttention)
+    torch.nn.init.constant_(network.attention.gamma, 0.5)
+    kept: list[torch.Tensor] = []
+    images, density = torch.randn(2, 1, 128, 128), torch.zeros(2)
+    attended = network.feature_map(images)
+    assert (attended < 0).any() and (attended > 0).any()  # else this shows nothing
+    hook = network.trunk.register_forward_hook(lambda module, given, found: kept.append(found))
+    answer = network(images[:, None], torch.ones((2, 1), dtype=torch.bool), density).mean[:, 1].sum()
+    hook.remove()
+    (gradient,) = torch.autograd.grad(answer, kept)
+    activation = kept[0].detach()
+    assert (activation >= 0).all()
+    weights = (gradient * activation).sum(dim=(2, 3)) / (activation.sum(dim=(2, 3)) + 1e-7)
+    expected = torch.relu(torch.einsum("pc,pchw->phw", weights, activation))
+    assert expected.any()
+    assert torch.allclose(xgradcam(network, images, density, 1), expected, rtol=1e-4, atol=1e-5 * float(expected.max()))
 
 
 def test_maps_are_aggregated_per_scene_and_parameter(
