@@ -24,6 +24,9 @@ from trainer.network import DrapeNetwork, Features, fuse
 from trainer.preprocess import network_images
 from trainer.program import make_results_folder, told_in_one_line
 
+STRIDE = 32
+"""Pixels of the input between neighbouring cells of the trunk."""
+
 _LEAST_SUM = 1e-7
 
 
@@ -44,7 +47,8 @@ def xgradcam(network: DrapeNetwork, images: Tensor, density: Tensor, output: int
     """XGradCAM maps of single pictures.
 
     The weight of a channel is the sum of gradient times activation over the sum of the activations; the map is the
-    positive part of the weighted activations.
+    positive part of the weighted activations. They are those of the trunk's last ReLU: the weight is a mean of the
+    gradients only where no activation is negative, and behind the attention some are.
 
     Args:
         images: float32, shape [pictures, channels, size, size], from ``network_images``.
@@ -52,12 +56,12 @@ def xgradcam(network: DrapeNetwork, images: Tensor, density: Tensor, output: int
         output: index of the parameter.
 
     Returns:
-        float32, shape [pictures, h, w] (the last feature map's size), not scaled.
+        float32, shape [pictures, h, w] (the trunk's size), not scaled.
     """
     with torch.no_grad():
-        activation = network.feature_map(images)
+        activation = network.trunk(images)
     activation = activation.detach().requires_grad_()
-    pooled = network.pool(activation)
+    pooled = network.pool(network.attention(activation))
     present = torch.ones((len(images), 1), dtype=torch.bool)
     fused = fuse(Features(pooled.maximum[:, None], pooled.mean[:, None]), present)
     answer = network.regress(fused, density).mean[:, output].sum()
@@ -65,6 +69,27 @@ def xgradcam(network: DrapeNetwork, images: Tensor, density: Tensor, output: int
     activation = activation.detach()
     weights = (gradient * activation).sum(dim=(2, 3)) / (activation.sum(dim=(2, 3)) + _LEAST_SUM)
     return functional.relu((weights[:, :, None, None] * activation).sum(dim=1))
+
+
+def enlarge(maps: Tensor, size: int) -> Tensor:
+    """Maps of the trunk's cells drawn over the input's pixels, linearly between cells.
+
+    All of the trunk's strided layers are padded by half their kernel: cell i looks at pixel :data:`STRIDE` i and
+    around, not at the middle of its share of the picture. Beyond the last cell the map goes on as it is there.
+
+    Args:
+        maps: float32, shape [pictures, h, w].
+        size: edge of the result [pixel].
+
+    Returns:
+        float32, shape [pictures, size, size].
+    """
+    height, width = maps.shape[1:]
+    cell = torch.arange(size, dtype=maps.dtype) / STRIDE
+    y, x = torch.meshgrid((2.0 * cell + 1.0) / height - 1.0, (2.0 * cell + 1.0) / width - 1.0, indexing="ij")
+    grid = torch.stack([x, y], dim=-1).expand(len(maps), size, size, 2)
+    drawn = functional.grid_sample(maps[:, None], grid, mode="bilinear", padding_mode="border", align_corners=False)
+    return drawn[:, 0]
 
 
 def aggregate(model: TrainedModel, source: PictureSource, table: PictureTable) -> SaliencyMaps:
@@ -84,8 +109,7 @@ def aggregate(model: TrainedModel, source: PictureSource, table: PictureTable) -
             for output in range(len(ESTIMATED_NAMES)):
                 maps = xgradcam(model.network, images, density[rows], output)
                 maps = maps / maps.amax(dim=(1, 2), keepdim=True).clamp_min(_LEAST_SUM)
-                large = functional.interpolate(maps[:, None], size=(size, size), mode="bilinear", align_corners=False)
-                sums[scene, output] += large[:, 0].sum(dim=0).numpy()
+                sums[scene, output] += enlarge(maps, size).sum(dim=0).numpy()
     seen = [scene for scene in range(len(SCENES)) if counts[scene]]
     return SaliencyMaps(
         {SCENES[s].value: (sums[s] / counts[s]).astype(np.float32) for s in seen},

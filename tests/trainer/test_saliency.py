@@ -11,7 +11,8 @@ from trainer.config import NetworkConfig
 from trainer.model import TrainedModel
 from trainer.network import DrapeNetwork
 from trainer.presets import PRESETS
-from trainer.saliency import aggregate, save_figure, xgradcam
+from trainer.saliency import aggregate, enlarge, save_figure, xgradcam
+from trainer.trunk import ResNet18Trunk, SelfAttention
 
 from .analytic import AnalyticSource
 
@@ -48,6 +49,53 @@ def test_xgradcam_of_a_maximum_looks_at_one_place_a_channel() -> None:
     # The gradient is 2 at the largest place: weight = 2 * max / sum.
     expected = torch.relu(2.0 * channel.max() / channel.sum() * channel)
     assert torch.allclose(xgradcam(network, images, torch.zeros(1), 0)[0], expected, atol=1e-4)
+
+
+def test_xgradcam_with_attention_is_of_activations_that_have_no_sign() -> None:
+    """Behind the attention they have: their sum, which a channel's weight is over, may be next to nothing."""
+    torch.manual_seed(3)
+    network = DrapeNetwork(NetworkConfig(input_size=128, trunk_width=0.125, hidden=(), dropout=0.0)).eval()
+    assert isinstance(network.attention, SelfAttention)
+    torch.nn.init.constant_(network.attention.gamma, 0.5)
+    kept: list[torch.Tensor] = []
+    images, density = torch.randn(2, 1, 128, 128), torch.zeros(2)
+    attended = network.feature_map(images)
+    assert (attended < 0).any() and (attended > 0).any()  # else this shows nothing
+    hook = network.trunk.register_forward_hook(lambda module, given, found: kept.append(found))
+    answer = network(images[:, None], torch.ones((2, 1), dtype=torch.bool), density).mean[:, 1].sum()
+    hook.remove()
+    (gradient,) = torch.autograd.grad(answer, kept)
+    activation = kept[0].detach()
+    assert (activation >= 0).all()
+    weights = (gradient * activation).sum(dim=(2, 3)) / (activation.sum(dim=(2, 3)) + 1e-7)
+    expected = torch.relu(torch.einsum("pc,pchw->phw", weights, activation))
+    assert expected.any()
+    assert torch.allclose(xgradcam(network, images, density, 1), expected, rtol=1e-4, atol=1e-5 * float(expected.max()))
+
+
+def test_maps_are_drawn_where_their_cells_look() -> None:
+    """A cell's gradient has its centre of gravity at the pixel where the cell alone is drawn."""
+    torch.manual_seed(0)
+    trunk = ResNet18Trunk(1, 0.125).eval()
+    images = torch.randn(8, 1, 256, 256, requires_grad=True)
+    place = torch.arange(256.0)
+    for row, column in ((3, 4), (5, 3)):
+        (gradient,) = torch.autograd.grad(trunk(images)[:, :, row, column].sum(), images)
+        weight = (gradient**2).sum(dim=(0, 1))
+        alone = torch.zeros(1, 8, 8)
+        alone[0, row, column] = 1.0
+        drawn = enlarge(alone, 256)[0]
+        assert drawn[32 * row, 32 * column] == drawn.max() == 1.0
+        for dimension in (0, 1):
+            looked, shown = ((w.sum(dim=1 - dimension) * place).sum() / w.sum() for w in (weight, drawn))
+            assert abs(float(looked - shown)) < 5.0  # half a cell is 16
+
+
+def test_a_map_goes_on_beyond_its_last_cell() -> None:
+    assert torch.equal(enlarge(torch.full((2, 1, 1), 0.7), 32), torch.full((2, 32, 32), 0.7))
+    drawn = enlarge(torch.tensor([[[0.0, 1.0], [2.0, 3.0]]]), 64)[0]
+    assert torch.allclose(drawn[0, [0, 16, 32, 63]], torch.tensor([0.0, 0.5, 1.0, 1.0]))
+    assert torch.allclose(drawn[[0, 16, 32, 63], 0], torch.tensor([0.0, 1.0, 2.0, 2.0]))
 
 
 def test_maps_are_aggregated_per_scene_and_parameter(
