@@ -19,8 +19,7 @@ from diagnosis.inference.larger import larger_than_chance
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.one_fabric import by_more_than_one
-from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, left_by, weigh_pairs
-from diagnosis.inference.sharing import best_pair, share_of, shared
+from diagnosis.inference.pairs import FIRST_EFFECTS, AsHeld, Pair, beyond_the_first, left_by, share_of, weigh_pairs
 from diagnosis.inference.something_beside import something_beside
 from diagnosis.inference.subtract import without, without_both
 from diagnosis.inference.unknown import tabulate_unknown, without_repeated
@@ -36,6 +35,8 @@ REMAINDER_SHARE = 0.5
 """Of ``unknown``: something that shows in what is common to all fabrics, alone or beside an effect."""
 SHOWN_NATS = 0.5
 """An effect that changes the log likelihood by less at any size is not seen by these captures."""
+FIRST_SHARE = 0.501
+"""Of a pair's probability, its first effect's."""
 REFERENCE_ROUNDS = 4
 """So often another explanation may turn out to be the best one when all are held against it."""
 
@@ -177,7 +178,7 @@ class Cause:
     @property
     def both_probability(self) -> float:
         """That the best pair's two effects, or declared twins of them, are both there."""
-        return self.pair_probability * self.pair_share
+        return min(1.0, self.pair_probability * self.pair_share)  # of sums of exponentials, which round
 
     def size(self, name: str) -> Mapping[str, float]:
         """Fitted size of a named effect."""
@@ -283,14 +284,14 @@ def _over_holds(by_hold: Sequence[Tables], weights: Array) -> Tables:
 
 
 def _unshown(tables: Tables) -> frozenset[str]:
-    """Effects that at no size make any difference to what was measured; a vector at the one size that is known."""
+    """Effects that at no size make any difference to what was measured; of a vector only the best size is known."""
     nothing, still = tables.nothing, [float(value.max()) for value in tables.nothing.blocks]
 
     def shown(table: Table) -> float:
         cells = sum(np.abs(value - none) for value, none in zip(table.blocks, still, strict=True))
         return float((cells + np.abs(table.pixels - float(nothing.pixels.max()))).max())
 
-    return frozenset(table.name for table in tables.effects if shown(table) < SHOWN_NATS)
+    return frozenset(table.name for table in tables.effects if not table.sigma and shown(table) < SHOWN_NATS)
 
 
 def _otherwise(
@@ -354,7 +355,38 @@ def _weigh(
     probabilities = shared(alone, pairs, [float(np.exp(w - total)) for w in two])
     others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
     factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
-    best = best_pair(pairs, two) if pairs else None
+    best = pairs[int(np.argmax(two))] if pairs else None
     pair_probability = float(np.exp(np.array(two) - total).sum())
     cause = Cause(probabilities, evidence, float(factor), best, pair_probability, alone, likelihood=total)
     return cause if best is None else replace(cause, pair_share=share_of(best, pairs, two))
+
+
+def shared(alone: Mapping[str, float], pairs: Sequence[Pair], two: Sequence[float]) -> dict[str, float]:
+    """Probabilities of all explanations, each pair's shared by its two effects.
+
+    In halves, the first a little more; where two effects together are more probable than anything by one, unevenly if
+    need be: an effect of the best pair gets so much of all its pairs that nothing else is the most probable.
+
+    Args:
+        alone: explanations by one.
+        pairs, two: two effects, and how probable they are together.
+    """
+    preferred, share = None, FIRST_SHARE
+    if sum(two) > 0.5:
+        best = pairs[int(np.argmax(two))]
+        masses = {name: _mass(name, pairs, two) for name in (best.first, best.second)}
+        preferred = max(masses, key=lambda name: masses[name])
+        needed = (FIRST_SHARE / 0.5 * max(alone.values()) - alone[preferred]) / masses[preferred]
+        share = min(1.0, max(FIRST_SHARE, needed))
+    found = dict(alone)
+    for pair, p in zip(pairs, two, strict=True):
+        first, second = (pair.second, pair.first) if pair.second == preferred else (pair.first, pair.second)
+        own = share if first == preferred else FIRST_SHARE
+        found[first] += own * p
+        found[second] += (1.0 - own) * p
+    return found
+
+
+def _mass(name: str, pairs: Sequence[Pair], two: Sequence[float]) -> float:
+    """Probability of all pairs that an effect is one of."""
+    return sum(p for pair, p in zip(pairs, two, strict=True) if name in (pair.first, pair.second))

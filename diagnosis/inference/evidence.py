@@ -22,9 +22,9 @@ from diagnosis.inference.likelihood import (
 )
 from diagnosis.inference.scatter import Scatter, scattered_nats, shows_scatter, widened
 from diagnosis.inference.vector_fit import fit_vector
-from diagnosis.inference.vector_range import into_range
 from diagnosis.inference.view_likelihood import Known, view_log_likelihood
 from diagnosis.simulation.sizes import (
+    fading,
     grid,
     interpolation,
     log_prior,
@@ -340,51 +340,33 @@ def _tabulate_vector(
     model: LikelihoodModel,
     seen: Sequence[float] | None = None,
 ) -> Table:
-    """Response linear in each direction, Laplace's approximation at the best of several fits, the range integrated.
+    """Response linear in each direction, Gaussian prior, Laplace's approximation at the best of several fits.
 
-    The prior is Gaussian and falls outside the range of lengths. The fit begins in every orthant, because a component's
-    response forward is another one than backward. ``seen``: of each block, log likelihood in folds in which the effect
-    may not show; None: it shows in all.
+    The fit begins in every orthant, because a component's response forward is another one than backward. ``seen``: of
+    each block, log likelihood in folds in which the effect may not show; None: it shows in all.
     """
     count = len(effect.components)
     prior_sigma = 1.2 * vector_step(effect) / np.sqrt(count)
     known = _known(blocks, effect.name)
     stated = known.every(slice(0, None, 2))
-    fits: list[tuple[float, Array, Array]] = []
+    found: list[tuple[float, int, Array, Array, tuple[Array, ...], Array, float]] = []
     for signs in product((1.0, -1.0), repeat=count):
         size, hessian = fit_vector(effect, stated, pixels, model, seen, np.array(signs) * 1e-9 * prior_sigma)
-        values, shared = _of_vector(effect, size, known, pixels, model)
+        weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
+        values = _over_blocks(known.log_likelihood(weights[None], model), model)
+        shared = pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)
         occam = -0.5 * float(size @ size) / prior_sigma**2 - count * np.log(prior_sigma)
         occam -= 0.5 * float(np.linalg.slogdet(hessian)[1])
-        fits.append((float(values.sum() + shared.sum()) + occam, size, hessian))
-    total, size, hessian = _in_range(effect, fits)
-    by_block, shared = _of_vector(effect, size, known, pixels, model)
+        occam += float(fading(next(iter(effect.components.values())), np.array(max(np.linalg.norm(size), 1e-12))))
+        total = float(values.sum() + shared.sum() + occam)
+        found.append((total, len(found), size, hessian, tuple(values), shared, occam))
+    _, _, size, hessian, by_block, shared, occam = max(found)
     sigma = np.sqrt(np.diag(np.linalg.inv(hessian)))
     return Table(
         effect.name,
-        tuple(by_block),
+        by_block,
         shared,
-        np.array([total - float(by_block.sum() + shared.sum())]),
+        np.array([occam]),
         ({n: float(s) for n, s in zip(effect.components, size, strict=True)},),
         {n: float(d) for n, d in zip(effect.components, sigma, strict=True)},
     )
-
-
-def _in_range(effect: Effect, fits: Sequence[tuple[float, Array, Array]]) -> tuple[float, Array, Array]:
-    """The best of several fits (log evidence, size, Hessian) once the range of the vector's length counts."""
-    best = (-np.inf, *fits[0][1:])
-    for evidence, size, hessian in sorted(fits, key=lambda fit: -fit[0]):
-        if evidence <= best[0]:  # the range takes away and never gives
-            break
-        ranged, fall = into_range(effect, size, hessian)
-        best = max(best, (evidence + fall, ranged, hessian), key=lambda fit: fit[0])
-    return best
-
-
-def _of_vector(
-    effect: Effect, size: Array, known: Known, pixels: PixelBlock, model: LikelihoodModel
-) -> tuple[Array, Array]:
-    """Log likelihoods of each block, [blocks, 1], and of the shared numbers, [1], at a size of a vector."""
-    weights = node_weights(effect, dict(zip(effect.components, size.tolist(), strict=True)))
-    values = _over_blocks(known.log_likelihood(weights[None], model), model)
-    return values, pixel_log_likelihood(pixels, (weights @ pixels.responses[effect.name])[None], model)

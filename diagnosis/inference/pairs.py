@@ -53,6 +53,18 @@ class Pair:
         return any(self.first in group_of(one) and self.second in group_of(two) for one, two in ways)
 
 
+def share_of(one: Pair, pairs: Sequence[Pair], log_weights: Sequence[float]) -> float:
+    """Of all pairs' probability, that of one and of those in which declared twins stand for its effects.
+
+    Args:
+        one: of the pairs.
+        pairs: all of them.
+        log_weights: of each, log of its probability, from any origin.
+    """
+    own = [weight for pair, weight in zip(pairs, log_weights, strict=True) if pair.is_as(one)]
+    return float(np.exp(logsumexp(own) - logsumexp(log_weights)))
+
+
 @dataclass(frozen=True)
 class AsHeld:
     """All explanations by one with magnets that hold in one way.
@@ -191,8 +203,8 @@ def _pairs(
             if not any(get_effect(name).random_repeats for name in (first, second)):
                 back = _given(first, second, sizes[second], own, seen_with, model, nothing)
                 sizes[first] = back.weigh(blocks, [float(v.max()) for v in back.blocks], model).size
-                # at another place or size, which may be less probable; a vector's whole cost is that of its one size
-                occam = back.chance(sizes[first]) + (0.0 if get_effect(first).vector else occam - back.chance(size))
+                if not get_effect(first).vector:  # at another place or size, which may be less probable
+                    occam += back.chance(sizes[first]) - back.chance(size)
                 table = _given(second, first, sizes[first], own, seen_with, model, nothing)
                 sizes[second] = table.weigh(blocks, [float(v.max()) for v in table.blocks], model).size
             found.append((first, sizes, replace(table, prior=table.prior + occam)))

@@ -85,16 +85,7 @@ def _times_doubted(cause: Cause, measured: Measured, measure: Measure) -> int:
     both, alone = measure(cause, known=True), measure(single, known=True)
     if both is None or alone is None:
         return 0
-    return times_needless(both.shrinkage, alone.shrinkage, over_repeats(alone))
-
-
-def over_repeats(measured: Measured) -> float | None:
-    """What is left of captures of which there are repeats, over what these scatter by; None: there are none."""
-    squares = [held.squares[-1] for held in measured.held if held.repeated]
-    if not squares:
-        return None
-    _, after, floor, _ = np.mean(np.stack(squares), axis=0)
-    return float(np.sqrt(after / max(floor, 1e-300)))
+    return times_needless(both.shrinkage, alone.shrinkage, repeated=any(held.repeated for held in alone.held))
 
 
 def _names_one_on_the_cloth(cause: Cause) -> bool:
@@ -165,18 +156,14 @@ def _others(measured: Measured, fabric: str | None) -> Array:
     return np.stack([held.squares[-1] for held in measured.held if held.block.fabric != fabric])
 
 
-def times_needless(together: Shrinkage, alone: Shrinkage, over: float | None) -> int:
+def times_needless(together: Shrinkage, alone: Shrinkage, *, repeated: bool = True) -> int:
     """How often simulations afresh, held against captures that were held out, say that one effect does as well as two.
 
     Once where both leave about as much as one; twice where one leaves hardly more than repeats scatter, whatever both
-    leave: what repeats do by chance needs no cause.
-
-    Args:
-        together, alone: shrinkage by two effects and by the first.
-        over: what the first leaves, over the scatter of repeats; None: nothing was repeated, so it is not known.
+    leave: what repeats do by chance needs no cause. Where nothing was ``repeated`` that is not known.
     """
     if not (together.simulated_afresh and alone.simulated_afresh):
         return 0
-    if over is not None and over <= HARDLY_MORE:
+    if repeated and alone.repeats is not None and alone.after <= HARDLY_MORE * alone.repeats:
         return 2
     return 1 if together.after > NEEDED * alone.after else 0

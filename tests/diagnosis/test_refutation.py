@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from diagnosis.inference.pairs import Pair
 from diagnosis.report import Shrinkage
 from diagnosis.shrinkage import held_out
 from diagnosis.shrinkage.held_out import Held, Measured, measure_shrinkage
-from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_refuted, is_unshown, judged, over_repeats, times_needless
+from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_refuted, is_unshown, judged, times_needless
 from diagnosis.shrinkage.splits import Fold
 from diagnosis.simulation.sizes import nodes
 
@@ -154,37 +153,22 @@ def left(after: float, *, afresh: bool = True) -> Shrinkage:
 
 
 def test_a_second_effect_is_needless_where_held_out_captures_are_no_nearer_with_it() -> None:
-    assert times_needless(left(1.42), left(1.43), None) == 1
-    assert times_needless(left(0.9 * NEEDED), left(1.0), None) == 0
-    assert times_needless(left(0.95), left(1.0), None) == times_needless(left(0.91), left(1.0), 2.0) == 1
-    assert times_needless(left(0.86), left(1.0), None) == 0  # as much as a true pair left
-    assert times_needless(left(1.42, afresh=False), left(1.43), 1.0) == 0
-    assert times_needless(left(1.42), left(1.43, afresh=False), 1.0) == 0
+    assert times_needless(left(1.42), left(1.43)) == 1
+    assert times_needless(left(0.9 * NEEDED), left(1.0)) == 0
+    assert times_needless(left(0.95), left(1.0)) == times_needless(left(0.91), left(1.0)) == 1
+    assert times_needless(left(0.86), left(1.0)) == 0  # as much as a true pair left
+    assert times_needless(left(1.42, afresh=False), left(1.43)) == 0
+    assert times_needless(left(1.42), left(1.43, afresh=False)) == 0
 
 
 def test_a_second_effect_is_doubted_twice_where_the_first_leaves_no_more_than_repeats_scatter() -> None:
     """Another simulator's tilt leaves 1.886 mm, below what repeats scatter; with a corner that nothing pulls 1.748."""
-    alone = left(1.886)
-    assert times_needless(left(1.748), alone, 1.886 / 1.9) == 2
-    hardly_more = 1.886 / 1.6  # the same set, other folds at hand
-    assert times_needless(left(1.748), alone, hardly_more) == times_needless(left(1.6), alone, 1.886 / 1.9) == 2
-    assert times_needless(left(1.748), alone, 1.886 / 1.4) == 1
-    assert times_needless(left(1.6), alone, 1.886 / 1.4) == 0
-
-
-def held_square(fabric: str, after: float, floor: float, *, repeated: bool) -> Held:
-    """A block of a made-up fabric, before and with the control 1 mm off."""
-    squares = np.array([[1.0, after, floor, 1.0]]) * 1e-6
-    return Held(SimpleNamespace(fabric=fabric), (), squares, np.zeros(7), np.zeros(7), repeated)  # type: ignore[arg-type]  # stands in
-
-
-def test_what_repeats_scatter_by_is_told_by_fabrics_that_have_repeats_alone() -> None:
-    """One of four fabrics has two captures; of the others the errors as modelled, which are larger, stand there."""
-    single = [held_square(f"f{n}", 1.0, 1.0, repeated=False) for n in range(3)]
-    alone = Measured(left(1.0), (held_square("f3", 1.0, 0.04, repeated=True), *single))
-    assert over_repeats(alone) == pytest.approx(5.0)
-    assert times_needless(left(0.5), alone.shrinkage, over_repeats(alone)) == 0
-    assert over_repeats(Measured(left(1.0), tuple(single))) is None
+    alone = left(1.886).model_copy(update={"repeats": 1.9})
+    assert times_needless(left(1.748), alone) == 2
+    hardly_more = left(1.886).model_copy(update={"repeats": 1.6})  # the same set, other folds at hand
+    assert times_needless(left(1.748), hardly_more) == times_needless(left(1.6), alone) == 2
+    assert times_needless(left(1.748), left(1.886).model_copy(update={"repeats": 1.4})) == 1
+    assert times_needless(left(1.6), left(1.886).model_copy(update={"repeats": 1.4})) == 0
 
 
 @pytest.mark.parametrize(
@@ -337,6 +321,13 @@ def test_what_was_refuted_is_not_named_on_the_other_fabrics(monkeypatch: pytest.
             Cause(names, evidence, 10.0), effects, [fold], pixels, LikelihoodModel(), without={"hem_weight"}
         )
     assert tried == [("edge_curl", "crease")]
+
+
+@pytest.mark.parametrize(("repeated", "times"), [(True, 2), (False, 0)])
+def test_what_repeats_do_by_chance_is_known_where_something_was_repeated(repeated: bool, times: int) -> None:
+    alone = shrinkage(0.6, 1.0).model_copy(update={"after": 1.0, "repeats": 0.9})
+    together = alone.model_copy(update={"after": 0.5})
+    assert times_needless(together, alone, repeated=repeated) == times
 
 
 def test_two_effects_do_not_give_way_to_a_third() -> None:
