@@ -8,7 +8,7 @@ Told = Callable[[float, str], None]
 """Is given what is done, from 0 to 1, and what comes now, in words."""
 
 FIRST_LOOK = 0.4
-"""About this share of a diagnosis that looks closer is the first look at each of its fabrics."""
+"""So far it is when each fabric had its first look; what share of the time that takes differs from set to set."""
 LOOKS = 10
 """Closer looks of one round; the shrinkage is measured after them."""
 
@@ -45,8 +45,8 @@ class Steps:
         self._tell(1.0 - (1.0 - FIRST_LOOK) / (LOOKS + 1), "how far the gap shrinks")
 
     def _tell(self, done: float, what: str) -> None:
-        self._done = max(self._done, done)
         if self._told is not None:
+            self._done = max(self._done, done)
             self._told(self._done, what)
 
 

@@ -252,7 +252,7 @@ def stated_parameters(
         given = fabric.parameters.model_dump()
         cv = STATED_SIGMA if fabric.parameters_cv is None else usable("parameters_cv", fabric.parameters_cv)
         return FabricParameters.from_mapping({**given, "density": density}), relative_sigma(cv, density_cv, cv)
-    found = _estimator().estimate(inputs_by_fabric(prepared)[fabric.id], density)
+    found = _estimator().estimate_named(fabric.id, inputs_by_fabric(prepared)[fabric.id], density)
     spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]
     if found.out_of_distribution:
         spread = [max(value, UNKNOWN_SIGMA) for value in spread]

@@ -139,10 +139,8 @@ class JobWorker:
             if isinstance(event, Progress):
                 latest = event
                 waiting = self._waiting.get(claim.id)
-                if (
-                    waiting is not None and event.fraction > waiting.reached
-                ):  # further than before: what it waited for is back
-                    del self._waiting[claim.id]
+                if waiting is not None and event.fraction > waiting.reached:
+                    del self._waiting[claim.id]  # further than before: what it waited for is back
             elif event is not None:
                 return self._settle(claim, event, latest.fraction)
             now = time.monotonic()
