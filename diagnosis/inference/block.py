@@ -227,23 +227,36 @@ def make_pixel_block(captures: Sequence[CaptureResult], model: NoiseModel) -> Pi
     sigma = np.array([*model.pixel_sigma, *[model.plane_m] * len(PLANE_NAMES)])
     scale = sigma * np.sqrt(1.0 + 1.0 / np.maximum(count, 1))
 
-    def median(values: Array) -> Array:
-        chosen = np.where(seen, values, np.nan)[:, usable]
-        return np.asarray(np.nanmedian(chosen, axis=0) / scale[usable]) if usable.any() else np.zeros(0)
+    def common(values: Array) -> Array:
+        """Median over captures (first axis) of what is usable, in units of its errors."""
+        counted = np.where(np.expand_dims(seen, tuple(range(1, values.ndim - 1))), values, np.nan)
+        return np.asarray(median_of_known(counted[..., usable]) / scale[usable])
 
-    def common(rows: Sequence[tuple[Array, Array]]) -> Array:
+    def of_nodes(rows: Sequence[tuple[Array, Array]]) -> Array:
         """Of all captures' responses (vectors, pixels), node by node."""
-        planes = [np.concatenate([pixels, vectors[:, -len(PLANE_NAMES) :]], axis=1) for vectors, pixels in rows]
-        return np.stack([median(values) for values in np.stack(planes, axis=1)])
+        return common(np.stack([np.concatenate([p, v[:, -len(PLANE_NAMES) :]], axis=1) for v, p in rows]))
 
-    responses = {name: common([c.responses.effects[name] for c in captures]) for name in captures[0].responses.effects}
+    responses = {
+        name: of_nodes([c.responses.effects[name] for c in captures]) for name in captures[0].responses.effects
+    }
     where = [c for c in captures if not folds.all() and c.scene != "hanging"] or list(captures)
     beside = {}
     for key in _simulated_together(where):
         rows = [c.responses.beside.get(key, c.responses.effects[key[0]]) for c in captures]
-        beside[key] = common(rows)
+        beside[key] = of_nodes(rows)
     names = tuple(name for name, there in zip((*PIXEL_NAMES, *PLANE_NAMES), usable, strict=True) if there)
-    return PixelBlock(median(deviation), responses, any(c.sensor_known for c in captures), beside, names)
+    return PixelBlock(common(deviation), responses, any(c.sensor_known for c in captures), beside, names)
+
+
+def median_of_known(values: Array) -> Array:
+    """Median over the first axis of what is not NaN; NaN where nothing is.
+
+    The same bits as ``numpy.nanmedian``, which takes six times as long for the few rows there are here.
+    """
+    ordered = np.sort(values, axis=0)  # NaN last
+    count = (~np.isnan(ordered)).sum(axis=0)
+    middle = [np.take_along_axis(ordered, np.maximum(at, 0)[None], axis=0)[0] for at in ((count - 1) // 2, count // 2)]
+    return np.asarray(np.where(count > 0, 0.5 * (middle[0] + middle[1]), np.nan))
 
 
 def _deviation(capture: CaptureResult) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from diagnosis.effects import get_effect
-from diagnosis.inference.block import PixelBlock, make_pixel_block
+from diagnosis.inference.block import PixelBlock, make_pixel_block, median_of_known
 from diagnosis.inference.likelihood import LikelihoodModel, pixel_log_likelihood, pixel_unknown, some_off
 from diagnosis.inference.noise import NoiseModel
 from diagnosis.inference.subtract import pixels_without
@@ -105,3 +105,14 @@ def test_one_number_that_is_far_off_among_many_is_something_and_none_is_nothing(
     assert gained(off) > 2.0
     assert gained(off, off > 0.0) > gained(off)  # the fewer might be off, the less that one of them is needs
     assert gained(off, off < 0.0) == 0.0 == gained(np.zeros(0))
+
+
+@pytest.mark.parametrize("shape", [(1, 3), (4, 9), (5, 9), (16, 7, 10)])
+def test_median_of_what_is_known_is_numpys_to_the_last_bit(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(len(shape) * shape[0])
+    values = rng.standard_normal(shape)
+    values[rng.random(shape) < 0.3] = np.nan
+    values[..., 0] = np.nan
+    with pytest.warns(RuntimeWarning, match="All-NaN"):
+        expected = np.nanmedian(values, axis=0)
+    np.testing.assert_array_equal(median_of_known(values), expected)
