@@ -42,7 +42,7 @@ class NoiseModel:
         mesh_share: share of the change to a mesh of twice the cell that is the fine mesh's own error, uncertainty.
         mesh_most_m: root mean square of that change beyond which folds moved, which refinement does not explain.
         mesh_local: the same cell by cell, smooth.
-        hanging_factor: all of this is so much larger in ``hanging``.
+        hanging_factor: smooth differences, slides and shares of heights are so much larger in ``hanging``.
         length, short_length: correlation lengths of these errors, half of their variance each, in sample sizes.
         missed_m: a capture that is further from its fold state than another repeat, by more than this, shows folds that
             were not found: it is wrong by as much more, smoothly over ``missed_length``.
