@@ -18,7 +18,7 @@ from diagnosis.afresh.by_distance import first_capture, known_squares, most, squ
 from diagnosis.afresh.fresh import FreshLook
 from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
-from diagnosis.inference.cause import Cause
+from diagnosis.inference.cause import Cause, is_on_pixels
 from diagnosis.inference.larger import MUCH
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.simulator import KeyedDrape
@@ -91,9 +91,12 @@ def outdone_by_a_pin(
 
 
 def may_be_a_pin(cause: Cause) -> bool:
-    """Set-up or camera are named, or what is named leaves much; repeats that scatter are not simulated."""
+    """Set-up or camera are named, or what is named leaves much; repeats that scatter are not simulated.
+
+    Not where all that is named shows in pixels: no moved pin is seen there, whatever shapes leave.
+    """
     named = [get_effect(name) for name in cause.named]
-    if not named or any(effect.random_repeats for effect in named):
+    if not named or any(effect.random_repeats for effect in named) or all(map(is_on_pixels, cause.named)):
         return False
     much = cause.left is not None and cause.left > MUCH
     return much or any(effect.stage in (Stage.SETUP, Stage.CAMERA) for effect in named)

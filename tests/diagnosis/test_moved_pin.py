@@ -60,6 +60,8 @@ def cause_of(*named: str, left: float | None = 0.5) -> Cause:
         (cause_of("hem_weight", left=1.1 * MUCH), True),
         (cause_of("bending_hysteresis", left=1.1 * MUCH), False),
         (cause_of(left=1.1 * MUCH), False),
+        (cause_of("sensor_smoothing", left=1.1 * MUCH), False),  # which no moved pin can be taken for
+        (cause_of("depth_bias", left=1.1 * MUCH), True),
     ],
 )
 def test_it_is_looked_into_where_pins_may_be_taken_for_what_is_named(cause: Cause, asked: bool) -> None:
