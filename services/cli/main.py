@@ -19,6 +19,7 @@ from typer.main import get_command
 
 from renderer.atomic import NO_ROOM
 from services import console
+from services.cli.ending import Ending
 from simcore.errors import DrapemeterError, InputError
 
 # Name: one line for `drapemeter --help`. The module of that name in this package offers `register(app)`.
@@ -156,8 +157,10 @@ def _replace_closed_streams() -> bool:
 
 def main() -> None:
     """Entry point of the console script; a scheduler's SIGTERM ends a command as Ctrl-C does."""
+    ending = Ending.prepared()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    sys.exit(run(sys.argv[1:]))
+    ending.status = run(sys.argv[1:])
+    sys.exit(ending.status)
 
 
 def _invoke(arguments: list[str]) -> int:
