@@ -31,8 +31,8 @@ class Ending:
 
     def leave(self) -> None:
         """End now where Ray was used and the command came to an end; else Python goes on with its own."""
-        if self.status is None or "ray" not in sys.modules:
-            return
+        if self.status is None or "ray" not in sys.modules or hasattr(sys, "last_type"):
+            return  # an error that nothing caught: Python's own status tells of it
         for stream in (sys.stdout, sys.stderr):
             try:
                 if stream is not None:

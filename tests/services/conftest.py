@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
-import os
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from services.cli.ending import Ending
 from services.db.engine import Database
 from services.db.migrate import upgrade
 from tests.services.served import Served, serving
@@ -20,28 +18,14 @@ MOST_BYTES = 2 * 1024 * 1024
 """Longest request that the tests' server takes."""
 
 
-_SESSIONS: list[pytest.Session] = []
+ENDING = Ending.prepared()
+"""The tests end as a command does where Ray was used: once in some fifty runs the process crashed at its very end."""
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Keep what the tests came to, for `_leave`."""
-    _SESSIONS.append(session)
-
-
-def _leave() -> None:
-    """After Ray, leave without taking the interpreter down.
-
-    Native threads of Ray outlive ``ray.shutdown``; once in some fifty runs the process crashed at its very end, after
-    all tests had passed. What Python does at exit (threads joined, later handlers run) is done by then.
-    """
-    if "ray" not in sys.modules or not _SESSIONS or hasattr(sys, "last_type"):
-        return  # an error after the tests: Python's own status tells of it
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(int(_SESSIONS[-1].exitstatus))
-
-
-atexit.register(_leave)  # before what the tests import registers: handlers run in reverse
+    """What the tests came to is what the process ends with."""
+    ENDING.status = int(session.exitstatus)
 
 
 @pytest.fixture(scope="session")
