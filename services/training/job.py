@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
 from renderer.store_location import is_remote, local_path
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 POLL_S = 0.5
 START_ALLOWANCE_S = 900.0
 """So long it is waited until every rank has its CPUs, as a sweep waits for its workers: a cluster may have to grow."""
+PATIENCE = timedelta(days=1)
+"""So long a rank waits for another: rank 0 alone reads the held-out pictures before the first step, which takes hours
+of a large store; one that is gone is heard of through Ray."""
 DEATH_S = 10.0
 """So long it is waited for what the other ranks say: where one dies, the others fail of it, and may be heard first."""
 
@@ -61,7 +65,9 @@ class TrainingRank:
 
         partition = Partition(self._rank, self._world_size)
         if self._world_size > 1:
-            dist.init_process_group("gloo", init_method=meeting_place, rank=self._rank, world_size=self._world_size)
+            dist.init_process_group(
+                "gloo", init_method=meeting_place, rank=self._rank, world_size=self._world_size, timeout=PATIENCE
+            )
         source = StoreSource(self._store, self._config.inclinations)
         learnt = learn(
             source,

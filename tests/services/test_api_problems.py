@@ -164,6 +164,7 @@ DRAFT = {"format": "drapemeter-simulator/1", "effects": [{"name": "air_draft", "
         ("datasets", {"materials": 2, "inclinations": 1.5}, "inclinations"),
         ("datasets", {"materials": 2, "resolution_m": "0.05"}, "resolution_m"),
         ("datasets", {"materials": 2, "seed": False}, "seed"),
+        ("datasets", {"materials": 2, "sensor": "kinect"}, "sensor"),
         ("datasets", {"materials": 2, "simulator": {"effects": [], "pin_radius_m": "0"}}, "simulator/pin_radius_m"),
         ("datasets", {"materials": 2, "simulator": DRAFT}, "simulator/effects/0/size/magnitude"),
         ("drape-distances", {**COMPARE, "simulations": True}, "simulations"),

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from ray.exceptions import ActorDiedError, RayTaskError
+from torch.distributed.distributed_c10d import default_pg_timeout
 
 from services.training import job
 from simcore.errors import DrapemeterError, StoreError
@@ -110,3 +111,17 @@ def test_ranks_that_find_no_cpu_are_not_waited_for_without_an_end(
     with pytest.raises(StoreError, match=told) as caught:
         job._train("s.zarr", TrainConfig(threads=2), None, 3, None)
     assert caught.value.code == "workers_missing" and ranks["killed"] == 3
+
+
+def test_a_rank_waits_for_the_first_longer_than_the_library_would(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reading what is held out of a large store takes more than the half hour after which gloo gives up."""
+    met: dict[str, Any] = {}
+
+    def meet(_kind: str, **options: Any) -> None:
+        met.update(options)
+        raise CUT_OFF
+
+    monkeypatch.setattr("torch.distributed.init_process_group", meet)
+    with pytest.raises(RayTaskError):
+        job.TrainingRank("s.zarr", TrainConfig(), None, 1, 2).run("tcp://here:1")
+    assert met["timeout"] > 10 * default_pg_timeout

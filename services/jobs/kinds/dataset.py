@@ -67,6 +67,7 @@ class DatasetInputs(Strict):
     design: Literal["sobol", "random", "grid"] = Field(default="sobol", description="How fabrics are chosen.")
     resolution_m: Number = Field(default=0.01, ge=0.002, le=0.05, description="Edge of a mesh cell [m].")
     seed: Whole = Field(default=0, ge=0, le=2**31 - 1)
+    sensor: Literal["ideal", "sr300"] = Field(default="ideal", description="What the depth camera adds.")
     simulator: SimulatorDocument | None = Field(
         default=None, description="Effects to simulate with, as `drapemeter diagnose --apply` writes them."
     )
@@ -93,6 +94,7 @@ class DatasetInputs(Strict):
             scenes=self.scenes,
             resolution_m=self.resolution_m,
             seed=self.seed,
+            sensor=self.sensor,
             simulator=SimulatorExtension(
                 effects=tuple(AppliedEffect(name=effect.name, size=effect.size) for effect in found.effects),
                 pin_radius_m=found.pin_radius_m,
