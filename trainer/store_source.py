@@ -78,7 +78,7 @@ class StoreSource:
         return PictureTable(
             row=usable,
             shard=shard[usable],
-            material=_one_number_a_fabric(store.materials[usable].astype(np.int64), parameters),
+            material=one_number_a_fabric(store.materials[usable].astype(np.int64), parameters),
             scene=order[store.scene_codes[usable]],
             parameters=parameters,
             inclination_deg=store.inclination_deg[usable].astype(np.float64),
@@ -137,7 +137,7 @@ def _check_columns(store: Store, usable: NDArray[np.int64]) -> None:
             )
 
 
-def _one_number_a_fabric(material: NDArray[np.int64], parameters: NDArray[np.float64]) -> NDArray[np.int64]:
+def one_number_a_fabric(material: NDArray[np.int64], parameters: NDArray[np.float64]) -> NDArray[np.int64]:
     """Material numbers, one where a sweep lists a fabric twice or merged stores share it: the first with its seven
     parameters. Else it could be learnt from under one number and tested on under the other.
     """

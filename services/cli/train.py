@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,7 +28,9 @@ def register(app: typer.Typer) -> None:
 
 
 def train(
-    store: str = typer.Option(..., "--store", help="Store of drapes: folder or URL."),
+    store: list[str] = typer.Option(
+        ..., "--store", help="Store of drapes: folder or URL; several to learn from all of them."
+    ),
     out: Path = typer.Option(..., "--out", help="Model folder to write; an earlier model there is replaced."),
     preset: str = typer.Option("standard", "--preset", help="standard, paper or quick: see docs/estimator.md."),
     epochs: int | None = typer.Option(None, "--epochs", help="Passes over the training pictures."),
@@ -51,7 +53,7 @@ def train(
 ) -> None:
     """Train the estimator, calibrate its intervals and test it on fabrics held out of training.
 
-    The same store, options and seed give the same model. Training starts from scratch unless
+    The same stores, options and seed give the same model. Training starts from scratch unless
     --pretrained or --preset paper, which takes ImageNet weights unless --scratch.
 
     \b
@@ -124,7 +126,7 @@ def show_on(bar: console.ProgressBar) -> Callable[[Progress], None]:
 
 
 def run(
-    store: str,
+    stores: Sequence[str],
     config: TrainConfig,
     start: TrainedModel | None,
     ranks: int,
@@ -133,16 +135,16 @@ def run(
 ) -> TrainedModel:
     """Train here or on Ray, from scratch or from an earlier model."""
     from services.training.job import train_on_ray
-    from trainer.store_source import StoreSource
+    from trainer.several_stores import open_stores
     from trainer.symmetry import as_symmetric
     from trainer.train import train as train_here
 
-    source = StoreSource(store, config.inclinations)
+    source = open_stores(stores, config.inclinations)
     asked, config = config, as_symmetric(config, source.provenance())
     if config != asked:
-        console.note("pictures are not mirrored: this store's simulator has effects that may be one-sided")
+        console.note("pictures are not mirrored: the simulator of these drapes has effects that may be one-sided")
     if ranks:
-        return train_on_ray(store, config, ranks=ranks, address=address, start=start, report=report_step)
+        return train_on_ray(stores, config, ranks=ranks, address=address, start=start, report=report_step)
     return train_here(source, config, start=start, provenance=source.provenance(), report=report_step)
 
 

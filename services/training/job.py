@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
@@ -30,14 +30,16 @@ class TrainingRank:
     """One of the processes that train together; a Ray actor with a second thread for questions.
 
     Args:
-        store: URL that every node reaches.
+        stores: URLs that every node reaches.
         config: the run.
         start: an earlier model to go on from.
         rank, world_size: which of how many.
     """
 
-    def __init__(self, store: str, config: TrainConfig, start: TrainedModel | None, rank: int, world_size: int) -> None:
-        self._store, self._config, self._start = store, config, start
+    def __init__(
+        self, stores: Sequence[str], config: TrainConfig, start: TrainedModel | None, rank: int, world_size: int
+    ) -> None:
+        self._stores, self._config, self._start = stores, config, start
         self._rank, self._world_size = rank, world_size
         self._progress: Progress | None = None
 
@@ -60,7 +62,7 @@ class TrainingRank:
         import torch.distributed as dist
 
         from trainer.dataset import Partition
-        from trainer.store_source import StoreSource
+        from trainer.several_stores import open_stores
         from trainer.train import finish, learn
 
         partition = Partition(self._rank, self._world_size)
@@ -68,7 +70,7 @@ class TrainingRank:
             dist.init_process_group(
                 "gloo", init_method=meeting_place, rank=self._rank, world_size=self._world_size, timeout=PATIENCE
             )
-        source = StoreSource(self._store, self._config.inclinations)
+        source = open_stores(self._stores, self._config.inclinations)
         learnt = learn(
             source,
             self._config,
@@ -90,7 +92,7 @@ class TrainingRank:
 
 
 def train_on_ray(
-    store: str,
+    stores: Sequence[str],
     config: TrainConfig,
     *,
     ranks: int = 1,
@@ -104,7 +106,7 @@ def train_on_ray(
     rank. When one rank fails, all are stopped.
 
     Args:
-        store: URL that every node reaches.
+        stores: URLs that every node reaches.
         config: the run.
         ranks: processes that train together.
         address: of a running cluster; None takes ``RAY_ADDRESS``, else starts one here.
@@ -118,25 +120,25 @@ def train_on_ray(
     """
     if ranks < 1:
         raise InputError(f"{ranks} ranks: give at least 1", code="ranks")
-    _check_store(store, config, start, ranks)
-    if not is_remote(store):
-        store = str(local_path(store).absolute())  # Ray's workers are in another folder
+    _check_stores(stores, config, start, ranks)
+    # Ray's workers are in another folder
+    stores = tuple(url if is_remote(url) else str(local_path(url).absolute()) for url in stores)
     with ray_cluster(address, ranks * config.threads):
-        return _train(store, config, start, ranks, report)
+        return _train(stores, config, start, ranks, report)
 
 
-def _check_store(store: str, config: TrainConfig, start: TrainedModel | None, ranks: int) -> None:
+def _check_stores(stores: Sequence[str], config: TrainConfig, start: TrainedModel | None, ranks: int) -> None:
     """Find out what would stop every rank before a cluster is started."""
     from trainer.dataset import check_lanes
-    from trainer.store_source import StoreSource
+    from trainer.several_stores import open_stores
     from trainer.train import split_of, training_pictures
 
-    table = StoreSource(store).table()
+    table = open_stores(stores).table()
     check_lanes(training_pictures(table, split_of(table, config, start), config), ranks * max(1, config.workers))
 
 
 def _train(
-    store: str,
+    stores: Sequence[str],
     config: TrainConfig,
     start: TrainedModel | None,
     ranks: int,
@@ -146,7 +148,7 @@ def _train(
     from ray.exceptions import RayActorError, RayTaskError
 
     actor_class: Any = ray.remote(TrainingRank).options(num_cpus=config.threads, max_concurrency=2)
-    actors = [actor_class.remote(store, config, start, rank, ranks) for rank in range(ranks)]
+    actors = [actor_class.remote(stores, config, start, rank, ranks) for rank in range(ranks)]
     runs = [actors[0].meeting_place.remote(), *(actor.progress.remote() for actor in actors[1:])]
     try:
         _, absent = ray.wait(runs, num_returns=ranks, timeout=START_ALLOWANCE_S)

@@ -136,6 +136,18 @@ def test_train_prints_one_document(store: Path, tmp_path: Path, capsys: pytest.C
     assert meta["provenance"]["base_weights"] is None
 
 
+def test_several_stores_are_learnt_from_together(
+    store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The other one holds the same fabrics, so that none is both learnt from and tested on."""
+    other = shutil.copytree(store, tmp_path / "other.zarr")
+    asked = ["train", "--store", str(store), "--store", str(other), "--out", str(tmp_path / "m"), *QUICK]
+    document = run_json(capsys, *asked)
+    assert document["metrics"]["materials"] == {"train": 11, "calibration": 3, "test": 2}
+    meta = json.loads((tmp_path / "m" / "model.json").read_text())
+    assert meta["provenance"]["data"]["configuration"]["merged"] == [{"made": "by hand"}] * 2
+
+
 def test_the_model_is_safe_before_the_last_events(
     model: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -238,6 +250,7 @@ def test_a_training_that_cannot_begin_leaves_nothing(
     monkeypatch.chdir(tmp_path)
     for arguments, words, code in (
         (["--store", "no.zarr"], "no.zarr", "store_missing"),
+        (["--store", "a", "--store", "b", "--store", "a"], "a is named twice", "store_twice"),
         (["--store", str(store), "--ranks", "-1"], "-1 ranks: give at least 1", "ranks"),
     ):
         status, said = failure(capsys, "train", *arguments, "--out", "m", "--tensorboard", "events", *QUICK)
@@ -338,7 +351,7 @@ def test_what_lies_beside_a_model_is_not_lost(
 def test_ranks_go_on_from_the_model_they_are_given(store: Path, model: Path) -> None:
     start = load_model(model)
     config = replace(start.config, network=NetworkConfig(trunk_width=0.25), epochs=1)
-    made = TrainingRank(str(store), config, start, 0, 1).run("")
+    made = TrainingRank([str(store)], config, start, 0, 1).run("")
     assert made is not None and made.config.network == start.config.network
     assert made.provenance["start"]["model_version"] == start.version
 

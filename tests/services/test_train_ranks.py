@@ -77,14 +77,14 @@ def test_a_rank_that_dies_is_named_whoever_is_heard_first(
 ) -> None:
     ranks["runs"] = runs
     with pytest.raises(DrapemeterError, match=rf"rank {rank} of the training died, and nothing was kept") as caught:
-        job._train("s.zarr", TrainConfig(), None, len(runs), None)
+        job._train(["s.zarr"], TrainConfig(), None, len(runs), None)
     assert caught.value.code == "worker_died"
 
 
 def test_a_rank_that_dies_before_they_meet_is_named(ranks: dict[str, Any]) -> None:
     ranks.update(runs=[None, None], place=ActorDiedError())
     with pytest.raises(DrapemeterError, match="rank 0 of the training died") as caught:
-        job._train("s.zarr", TrainConfig(), None, 2, None)
+        job._train(["s.zarr"], TrainConfig(), None, 2, None)
     assert caught.value.code == "worker_died"
 
 
@@ -92,13 +92,13 @@ def test_a_rank_that_dies_before_they_meet_is_named(ranks: dict[str, Any]) -> No
 def test_what_a_rank_says_is_told_as_it_is(ranks: dict[str, Any], runs: list[Exception]) -> None:
     ranks["runs"] = runs
     with pytest.raises(StoreError, match=r"^damaged$"):
-        job._train("s.zarr", TrainConfig(), None, 2, None)
+        job._train(["s.zarr"], TrainConfig(), None, 2, None)
 
 
 def test_a_fault_of_the_program_is_told_as_it_is(ranks: dict[str, Any]) -> None:
     ranks["runs"] = [CUT_OFF, CUT_OFF]
     with pytest.raises(RayTaskError) as caught:
-        job._train("s.zarr", TrainConfig(), None, 2, None)
+        job._train(["s.zarr"], TrainConfig(), None, 2, None)
     assert caught.value is CUT_OFF
 
 
@@ -109,7 +109,7 @@ def test_ranks_that_find_no_cpu_are_not_waited_for_without_an_end(
     monkeypatch.setattr("ray.cluster_resources", lambda: {"CPU": 3.0})
     told = "2 of 3 ranks have not come up in 900 s: they need 2 free CPUs each, and the cluster has 3 in all"
     with pytest.raises(StoreError, match=told) as caught:
-        job._train("s.zarr", TrainConfig(threads=2), None, 3, None)
+        job._train(["s.zarr"], TrainConfig(threads=2), None, 3, None)
     assert caught.value.code == "workers_missing" and ranks["killed"] == 3
 
 
@@ -123,5 +123,5 @@ def test_a_rank_waits_for_the_first_longer_than_the_library_would(monkeypatch: p
 
     monkeypatch.setattr("torch.distributed.init_process_group", meet)
     with pytest.raises(RayTaskError):
-        job.TrainingRank("s.zarr", TrainConfig(), None, 1, 2).run("tcp://here:1")
+        job.TrainingRank(["s.zarr"], TrainConfig(), None, 1, 2).run("tcp://here:1")
     assert met["timeout"] > 10 * default_pg_timeout
