@@ -9,8 +9,9 @@ from capture.setup import DEFAULT_PIN_RADIUS_M
 
 
 def held_in_training(provenance: Mapping[str, Any]) -> tuple[float, ...]:
-    """What they held round a corner [m]: of each of the sweeps that a model's store was merged from, and of those that
-    the model learnt from that it goes on from; nominal where a store says nothing.
+    """What they held round a corner [m], nominal where a store says nothing.
+
+    Of each of the sweeps that a model learnt from, merged or not, and of those of the model that it goes on from.
 
     Args:
         provenance: of a model (:attr:`trainer.model.TrainedModel.provenance`).

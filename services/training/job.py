@@ -20,8 +20,8 @@ POLL_S = 0.5
 START_ALLOWANCE_S = 900.0
 """So long it is waited until every rank has its CPUs, as a sweep waits for its workers: a cluster may have to grow."""
 PATIENCE = timedelta(days=1)
-"""So long a rank waits for another: rank 0 alone reads the held-out pictures before the first step, which takes hours
-of a large store; one that is gone is heard of through Ray."""
+"""So long a rank waits for another: rank 0 alone reads the held-out pictures before the first step, which may take
+longer than gloo's half hour; one that is gone is heard of through Ray."""
 DEATH_S = 10.0
 """So long it is waited for what the other ranks say: where one dies, the others fail of it, and may be heard first."""
 

@@ -114,7 +114,7 @@ def test_ranks_that_find_no_cpu_are_not_waited_for_without_an_end(
 
 
 def test_a_rank_waits_for_the_first_longer_than_the_library_would(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reading what is held out of a large store takes more than the half hour after which gloo gives up."""
+    """Reading what is held out of a large store may take more than the half hour after which gloo gives up."""
     met: dict[str, Any] = {}
 
     def meet(_kind: str, **options: Any) -> None:

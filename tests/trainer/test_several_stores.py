@@ -20,16 +20,15 @@ from trainer.store_source import StoreSource
 
 
 @pytest.fixture(scope="module")
-def stores(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str, str]:
-    """Coarse, fine and fine with other fabrics; the first two sweep the same fabrics but for number, the last alone is
-    held at points."""
+def stores(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
+    """Coarse cells, fine ones with two of the same three fabrics, and fine ones with two others."""
     folder = tmp_path_factory.mktemp("stores")
     sweeps = (
         small_sweep(materials=3),
         small_sweep(materials=2, resolution_m=0.02),
         small_sweep(materials=2, resolution_m=0.02, seed=5),
     )
-    return tuple(str(made_up_store(folder / f"{n}.zarr", *sweep)) for n, sweep in enumerate(sweeps))  # type: ignore[return-value]
+    return tuple(str(made_up_store(folder / f"{n}.zarr", *sweep)) for n, sweep in enumerate(sweeps))
 
 
 def rows_of(table: PictureTable, shard: int) -> np.ndarray:
