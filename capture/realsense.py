@@ -72,7 +72,12 @@ class RealSenseSource(DepthSource):
             if recording is not None:  # before the start, or the first frames are played in real time and dropped
                 resolved = config.resolve(self._rs.pipeline_wrapper(self._pipeline))
                 resolved.get_device().as_playback().set_real_time(False)
-            self._camera = self._read_camera(self._pipeline.start(config))
+            profile = self._pipeline.start(config)
+            try:
+                self._camera = self._read_camera(profile)
+            except BaseException:
+                self._pipeline.stop()
+                raise
         except RuntimeError as error:
             raise self._cannot_open(error) from None
 

@@ -201,7 +201,7 @@ class PairStream(IterableDataset[Pair | DrapemeterError]):
         workers, worker = (info.num_workers, info.id) if info else (1, 0)
         lane, lanes = self.partition.rank * workers + worker, self.partition.world_size * workers
         check_lanes(self.table, lanes)
-        return np.unique(self._home)[lane::lanes], lane
+        return deal_shards(self._home, lanes)[lane], lane
 
     def _pairs(self, shards: NDArray[np.int64], generator: np.random.Generator) -> Iterator[Pair]:
         chosen = np.flatnonzero(np.isin(self._home, shards))
@@ -252,6 +252,24 @@ def check_lanes(table: PictureTable, lanes: int) -> None:
             "store with smaller shards",
             code="too_few_shards",
         )
+
+
+def deal_shards(home: NDArray[np.int64], lanes: int) -> list[NDArray[np.int64]]:
+    """The shards of each lane (a loader of a rank), with about as many pictures: each has the same number of steps.
+
+    The largest first, each to the lane that holds fewest; where all are of one size they go round.
+
+    Args:
+        home: the shard of each picture, int64 [n].
+        lanes: how many.
+    """
+    shards, pictures = np.unique(home, return_counts=True)
+    held = np.zeros(lanes, dtype=np.int64)
+    lane = np.empty(len(shards), dtype=np.int64)
+    for place in np.argsort(-pictures, kind="stable"):
+        lane[place] = np.argmin(held)
+        held[lane[place]] += pictures[place]
+    return [shards[lane == number] for number in range(lanes)]
 
 
 def home_shards(table: PictureTable) -> NDArray[np.int64]:

@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from datetime import timedelta
+
 import torch
 import torch.distributed as dist
 from torch import nn
 
 from trainer.dataset import Partition
+
+PATIENCE = timedelta(days=1)
+"""So long the others wait for what rank 0 does alone, such as reading the held-out pictures before the first step: it
+may take longer than the half hour which gloo waits for any message."""
+
+
+def on_first(work: Callable[[], None], partition: Partition) -> None:
+    """Do something on rank 0 alone while the others wait."""
+    patient = dist.new_group(timeout=PATIENCE) if partition.world_size > 1 else None
+    if partition.rank == 0:
+        work()
+    if patient is not None:
+        dist.barrier(group=patient)
+        dist.destroy_process_group(patient)
 
 
 def broadcast_state(network: nn.Module, partition: Partition) -> None:

@@ -6,6 +6,7 @@ Source: Fu et al. 2020, "Axiom-based Grad-CAM", equation 8; the paper's section 
 from __future__ import annotations
 
 import argparse
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -118,7 +119,7 @@ def aggregate(model: TrainedModel, source: PictureSource, table: PictureTable) -
 
 
 def save_figure(maps: SaliencyMaps, path: Path) -> None:
-    """A row a scene, a column a parameter."""
+    """A PNG, whole or not there: a row a scene, a column a parameter."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -129,7 +130,9 @@ def save_figure(maps: SaliencyMaps, path: Path) -> None:
             axis.imshow(image, cmap="inferno", vmin=0.0, vmax=float(max(image.max(), _LEAST_SUM)))
             axis.set_title(f"{scene}\n{name}", fontsize=8)
             axis.set_axis_off()
-    FigureCanvasAgg(figure).print_figure(str(path), dpi=120)
+    content = io.BytesIO()
+    FigureCanvasAgg(figure).print_figure(content, dpi=120, format="png")
+    write_atomically(path, content.getvalue())
 
 
 def main() -> None:
@@ -147,7 +150,9 @@ def main() -> None:
         pictures = source.table().upright()
         make_results_folder(options.out)
         maps = aggregate(model, source, pictures)
-        np.savez_compressed(options.out / "saliency.npz", allow_pickle=False, **maps.maps)
+        content = io.BytesIO()
+        np.savez_compressed(content, allow_pickle=False, **maps.maps)
+        write_atomically(options.out / "saliency.npz", content.getvalue())
         save_figure(maps, options.out / "saliency.png")
         write_atomically(options.out / "saliency.json", (json.dumps({"pictures": maps.pictures}) + "\n").encode())
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from renderer.store_location import is_remote, local_path
 from simcore.errors import InputError
 from trainer.config import Inclinations
 from trainer.dataset import PictureTable
@@ -29,7 +30,8 @@ class SeveralStores:
     """
 
     def __init__(self, urls: Sequence[str], inclinations: Inclinations = "registered") -> None:
-        twice = next((url for place, url in enumerate(urls) if url in urls[:place]), None)
+        places = [_place(url) for url in urls]
+        twice = next((url for n, url in enumerate(urls) if places[n] in places[:n]), None)
         if twice is not None:
             raise InputError(f"{twice} is named twice: give each --store once", code="store_twice")
         self._sources = tuple(StoreSource(url, inclinations) for url in urls)
@@ -73,6 +75,11 @@ class SeveralStores:
         """As :meth:`StoreSource.read`, of the store that holds these rows of one shard."""
         place = int(np.searchsorted(self._first_rows, rows[0], side="right")) - 1
         return self._sources[place].read(rows - self._first_rows[place])
+
+
+def _place(url: str) -> str:
+    """Where a store lies, however it is spelled."""
+    return url.rstrip("/") if is_remote(url) else str(local_path(url).resolve())
 
 
 def open_stores(urls: Sequence[str], inclinations: Inclinations = "registered") -> StoreSource | SeveralStores:

@@ -28,7 +28,7 @@ from trainer.dataset import (
     check_lanes,
     pair_up,
 )
-from trainer.distributed import average_gradients, average_statistics, broadcast_state
+from trainer.distributed import average_gradients, average_statistics, broadcast_state, on_first
 from trainer.evaluate import evaluate
 from trainer.model import TrainedModel, round_weights
 from trainer.network import DrapeNetwork, Features, fuse
@@ -135,8 +135,7 @@ def learn(
         record["base_weights"] = start.provenance.get("base_weights")
         earlier = {name: value for name, value in start.provenance.items() if name != "learnt"}
         record["start"] = {"model_version": start.version, "provenance": earlier}
-    if partition.rank == 0:
-        check_held_out(source, table, split, config)
+    on_first(lambda: check_held_out(source, table, split, config), partition)
     broadcast_state(network, partition)
     stream = PairStream(source, training, size=config.network.input_size, seed=config.seed, partition=partition)
     pairs = batches(stream, pairs_of_batch(training, config), config.workers)

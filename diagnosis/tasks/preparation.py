@@ -20,10 +20,11 @@ from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M
 from diagnosis.tasks.enough import check_kept
 from diagnosis.tasks.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask, relative_sigma
-from diagnosis.tasks.meshing import cell_size
+from diagnosis.tasks.meshing import MOST_CHANGED, cell_size
 from diagnosis.tasks.put_up import as_simulated, check_set_ups, in_order
 from diagnosis.tasks.sensors import sensor_model, sensors_passed_over, usual_distance
 from renderer.depth import panel_depth
+from simcore.bending import PlateRigidity
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 from simcore.scenes import Scene
@@ -208,16 +209,25 @@ def not_stated(captures: CaptureSet) -> Iterator[str]:
 
 
 def recut(fabric_id: str, captures: Sequence[Capture], tasks: Sequence[CaptureTask]) -> list[str]:
-    """In words, samples that are simulated in another size, as whole cells want it."""
-    changed = {
-        (*capture.setup.sample_size_m, *task.scene.setup.sample_size_m): None
-        for capture, task in zip(captures, tasks, strict=True)
-        if capture.setup.sample_size_m != task.scene.setup.sample_size_m
+    """In words, samples that are simulated in another size and magnets that hold more, as whole cells want it."""
+    pairs = [(capture.setup, task.scene.setup) for capture, task in zip(captures, tasks, strict=True)]
+    sizes = {(*a.sample_size_m, *b.sample_size_m): None for a, b in pairs if a.sample_size_m != b.sample_size_m}
+    radii = {
+        (a.pin_radius_m, b.pin_radius_m): None
+        for a, b in pairs
+        if b.pin_radius_m > (1.0 + MOST_CHANGED) * a.pin_radius_m
     }
     return [
-        f"fabric {fabric_id}: the sample of {1e3 * a:.4g} x {1e3 * b:.4g} mm is simulated as "
-        f"{1e3 * c:.4g} x {1e3 * d:.4g} mm, in whole cells"
-        for a, b, c, d in changed
+        *(
+            f"fabric {fabric_id}: the sample of {1e3 * a:.4g} x {1e3 * b:.4g} mm is simulated as "
+            f"{1e3 * c:.4g} x {1e3 * d:.4g} mm, in whole cells"
+            for a, b, c, d in sizes
+        ),
+        *(
+            f"fabric {fabric_id}: magnets that hold {1e3 * a:.4g} mm round a corner are simulated as holding "
+            f"{1e3 * b:.4g} mm, a whole cell"
+            for a, b in radii
+        ),
     ]
 
 
@@ -251,7 +261,14 @@ def stated_parameters(
     if fabric.parameters is not None:
         given = fabric.parameters.model_dump()
         cv = STATED_SIGMA if fabric.parameters_cv is None else usable("parameters_cv", fabric.parameters_cv)
-        return FabricParameters.from_mapping({**given, "density": density}), relative_sigma(cv, density_cv, cv)
+        stated = FabricParameters.from_mapping({**given, "density": density})
+        plate = PlateRigidity.of(stated)
+        if plate.bias_raised:
+            assumed.append(
+                f"fabric {fabric.id}: no plate with its bending_warp and bending_weft has a bending_bias of "
+                f"{stated.bending_bias:.3g} N·m; simulated with {plate.bias:.3g} N·m, the least there is"
+            )
+        return stated, relative_sigma(cv, density_cv, cv)
     found = _estimator().estimate_named(fabric.id, inputs_by_fabric(prepared)[fabric.id], density)
     spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]
     if found.out_of_distribution:

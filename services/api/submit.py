@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Sequence
 
 from fastapi.responses import JSONResponse
+from pydantic import BaseModel
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
@@ -24,10 +24,10 @@ def submit_job(
     caller: Caller,
     key: str | None,
     kind: str,
-    inputs: dict[str, Any],
+    inputs: BaseModel,
     *,
     files: Sequence[FileContent] = (),
-    own: Mapping[str, Any] | None = None,
+    own: Collection[str] = (),
 ) -> JSONResponse:
     """Queue a job once under its Idempotency-Key.
 
@@ -36,14 +36,16 @@ def submit_job(
         caller: who asks.
         key: the header, if it was sent.
         kind: of the job.
-        inputs: what is asked.
+        inputs: what is asked. What is left at its default does not tell one request from another: under its key a
+            request stays the same when a later version of the service can be asked for more.
         files: what was sent with it.
-        own: further inputs, of the server: with others the same request is still the same.
+        own: names of inputs that are the server's: with others the same request is still the same.
 
     Raises:
         ProblemError: 422 when the key was used for another request, 429 when too many jobs wait.
     """
-    content = {"inputs": inputs, "files": {file.name: file.content for file in files}}
+    asked = inputs.model_dump(mode="json", exclude=set(own), exclude_defaults=True)
+    content = {"inputs": asked, "files": {file.name: file.content for file in files}}
     once = Once(state.database, caller, key, fingerprint(f"job {kind}", content), state.settings.idempotency_hours)
 
     def make(session: Session) -> Answer:
@@ -51,7 +53,7 @@ def submit_job(
         if waiting >= state.settings.job_queue:
             detail = f"{waiting} jobs are waiting already: try again when some have ended"
             raise ProblemError(429, "jobs_saturated", detail, {"Retry-After": "60"})
-        job = enqueue(session, kind, {**inputs, **(own or {})}, files=files, owner=caller.key_id)
+        job = enqueue(session, kind, inputs.model_dump(mode="json"), files=files, owner=caller.key_id)
         return Answer(202, view_job(session, job).model_dump(mode="json"), job_headers(job))
 
     return once.answer(make)

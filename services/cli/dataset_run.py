@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
-import threading
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -65,9 +63,6 @@ class Watch:
 
     def begin(self, cost: CostEstimate) -> None:
         """The sweep starts."""
-        # a scheduler ends a job so; Ray has set its own by now
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, signal.default_int_handler)
         console.note(describe_cost(cost))
         self._bar.update(total=cost.simulations)
         self._total, self._noted = cost.simulations, time.monotonic()

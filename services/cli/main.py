@@ -166,6 +166,8 @@ def main() -> None:
 def _invoke(arguments: list[str]) -> int:
     command = get_command(build_app(_selected(arguments)))
     outcome: Any = command.main(arguments, prog_name="drapemeter", standalone_mode=False)
+    if outcome == EXIT_INTERRUPTED:  # what Typer makes of it
+        raise KeyboardInterrupt
     return outcome if isinstance(outcome, int) else 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -113,6 +114,10 @@ def check_out(out: Path) -> None:
     if not out.absolute().parent.is_dir():
         raise InputError(f"{out}: its folder does not exist; make it first", code="folder_missing")
     check_folder(out, "give another folder for the model")
+    target = Path(os.path.realpath(out))
+    if target.is_mount():
+        raise InputError(f"{out} is where a disk is mounted, and no folder that can be replaced: name one in it", code="output_exists")
+    check_folder(target.parent, "a model takes its place by a rename there; give another folder for it")
 
 
 def show_on(bar: console.ProgressBar) -> Callable[[Progress], None]:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import socket
+import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import chdir, contextmanager
 from pathlib import Path
@@ -33,7 +36,8 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
         gpus: workers need one GPU each.
 
     Raises:
-        InputError: no cluster at the address, it wants a token, or it has no GPU where one is needed.
+        InputError: no cluster at the address, it wants a token, it has no GPU where one is needed, or the temporary
+            folder is none for Ray.
         MissingResourceError: the cluster went away within the block.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -46,7 +50,7 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
         # Ray's workers look for modules in the folder where it was started, and before all others: it may have a
         # `metric.py` of somebody else's.
         _name_folders_whole()
-        with chdir(Path(__file__).parents[2]):
+        with chdir(Path(__file__).parents[2]), _own_sigterm(), _folder_told():
             ray.init(
                 address="local",
                 num_cpus=workers or cores,
@@ -73,6 +77,37 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
         ray.shutdown()
 
 
+@contextmanager
+def _own_sigterm() -> Iterator[None]:
+    """Whatever SIGTERM does here it does afterwards, too: Ray, which takes it for itself, aborts a process of it."""
+    own = signal.getsignal(signal.SIGTERM)
+    try:
+        yield
+    finally:
+        if own not in (None, signal.SIG_DFL) and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, own)
+
+
+@contextmanager
+def _folder_told() -> Iterator[None]:
+    """Tell of a temporary folder in which Ray cannot make its sockets.
+
+    Raises:
+        InputError: its name is too long, or has other letters than ASCII.
+    """
+    try:
+        yield
+    except (OSError, UnicodeError) as error:
+        if not isinstance(error, UnicodeError) and "AF_UNIX" not in str(error):
+            raise
+        folder = os.environ.get("RAY_TMPDIR") or tempfile.gettempdir()
+        raise InputError(
+            f"Ray cannot make its sockets in {folder} ({error}): set RAY_TMPDIR to a folder with a short name of plain "
+            "letters, such as /tmp",
+            code="ray_folder",
+        ) from None
+
+
 def _name_folders_whole() -> None:
     """Let what the environment names be the same folders for workers, which are in another one."""
     for name in ("DRAPEMETER_CACHE", "DRAPEMETER_KERNEL_CACHE", "DRAPEMETER_WEIGHTS", "XDG_CACHE_HOME"):
@@ -92,7 +127,8 @@ def _connect(address: str) -> None:
     _knock(address)
     for attempt in range(1, _CLIENT_ATTEMPTS + 1):
         try:
-            ray.init(address=address, **_QUIET)
+            with _own_sigterm():
+                ray.init(address=address, **_QUIET)
         except ray.exceptions.AuthenticationError:
             raise InputError(
                 f"the Ray cluster at {_named(address)} wants its token: set RAY_AUTH_MODE=token and RAY_AUTH_TOKEN",

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
 POLL_S = 0.5
 START_ALLOWANCE_S = 900.0
 """So long it is waited until every rank has its CPUs, as a sweep waits for its workers: a cluster may have to grow."""
-PATIENCE = timedelta(days=1)
-"""So long a rank waits for another: rank 0 alone reads the held-out pictures before the first step, which may take
-longer than gloo's half hour; one that is gone is heard of through Ray."""
+MEETING = timedelta(minutes=30)
+"""So long ranks try to meet, and wait for each other's messages from then on (gloo's own)."""
 DEATH_S = 10.0
 """So long it is waited for what the other ranks say: where one dies, the others fail of it, and may be heard first."""
 
@@ -67,9 +66,7 @@ class TrainingRank:
 
         partition = Partition(self._rank, self._world_size)
         if self._world_size > 1:
-            dist.init_process_group(
-                "gloo", init_method=meeting_place, rank=self._rank, world_size=self._world_size, timeout=PATIENCE
-            )
+            self._meet(meeting_place)
         source = open_stores(self._stores, self._config.inclinations)
         learnt = learn(
             source,
@@ -82,6 +79,21 @@ class TrainingRank:
         if self._world_size > 1:
             dist.destroy_process_group()
         return finish(learnt) if self._rank == 0 else None
+
+    def _meet(self, meeting_place: str) -> None:
+        import torch.distributed as dist
+
+        try:
+            dist.init_process_group(
+                "gloo", init_method=meeting_place, rank=self._rank, world_size=self._world_size, timeout=MEETING
+            )
+        except RuntimeError as error:  # of whatever layer: each has its own kind
+            why = (str(error).splitlines() or [type(error).__name__])[0]
+            raise DrapemeterError(
+                f"rank {self._rank} of the training has not met the others at {meeting_place} ({why}): ranks talk to each "
+                "other over any free ports, which must be open between the nodes; or use fewer --ranks",
+                code="ranks_apart",
+            ) from None
 
     def progress(self) -> Progress | None:
         """Where the run stands."""

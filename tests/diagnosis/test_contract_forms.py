@@ -139,6 +139,17 @@ def test_a_sample_that_no_cell_divides_is_simulated_in_whole_cells(altered: Call
     assert tasks[0].captures[0].scene.setup.sample_size_m == pytest.approx((0.5005, 0.5005))
 
 
+def test_what_is_simulated_otherwise_than_stated_is_told(altered: Callable[[Change], CaptureSet]) -> None:
+    def change(value: dict[str, Any]) -> None:
+        value["setup"]["pin_radius_m"] = 0.016
+        value["fabrics"][0]["parameters"].update(bending_warp=1e-4, bending_weft=1e-6, bending_bias=1e-5)
+
+    tasks, assumed = tasks_of(altered(change))
+    assert tasks[0].captures[0].scene.setup.pin_radius_m == pytest.approx(0.02, rel=1e-5)
+    assert "hold 16 mm round a corner are simulated as holding 20 mm, a whole cell" in assumed
+    assert "has a bending_bias of 1e-05 N·m; simulated with 2.04e-05 N·m, the least there is" in assumed
+
+
 def test_pictures_in_whole_millimetres_are_not_called_quantised(
     altered: Callable[[Change], CaptureSet], shelf: DrapeCache
 ) -> None:

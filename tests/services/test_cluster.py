@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+from pathlib import Path
+
 import pytest
 import ray
 
@@ -31,6 +34,33 @@ def head(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setattr("ray.shutdown", lambda: done.append("left"))
     monkeypatch.setattr("ray.cluster_resources", lambda: {"CPU": 4.0})
     return done
+
+
+def test_sigterm_does_afterwards_what_it_did(head: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray takes it for itself, and aborts the process of it."""
+    monkeypatch.setattr("ray.init", lambda **_: signal.signal(signal.SIGTERM, lambda *_: None))
+    former = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        for address in ("local", "head:6379"):
+            with cluster.ray_cluster(address, 1):
+                assert signal.getsignal(signal.SIGTERM) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGTERM, former)
+
+
+@pytest.mark.parametrize("name", ["of-a-batch-job/" * 8, "höhe"])
+def test_a_folder_in_which_ray_makes_no_sockets_is_told(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / name
+    folder.mkdir(parents=True)
+    monkeypatch.setenv("RAY_TMPDIR", str(folder))
+    with (
+        pytest.raises(InputError, match="set RAY_TMPDIR to a folder with a short name") as caught,
+        cluster.ray_cluster("local", 1),
+    ):
+        raise AssertionError("the work began")
+    assert caught.value.code == "ray_folder" and str(folder) in str(caught.value)
 
 
 def test_a_cluster_without_a_gpu_is_told(head: list[str]) -> None:

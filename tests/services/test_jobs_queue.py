@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from fastapi.responses import JSONResponse
+from pydantic import BaseModel
 from sqlalchemy import select, text, update
 
 from services.api.auth import EVERYBODY
@@ -30,6 +31,18 @@ from tests.services.job_rows import read_job
 
 ARCHIVE = FileContent("a.zip", "application/zip", b"content")
 REPORT = FileContent("report.html", "text/html", b"<p>")
+
+
+class Asked(BaseModel):
+    """What a job is asked."""
+
+    n: int = 1
+
+
+class AskedLater(Asked):
+    """The same in a later version, which can be asked for more."""
+
+    sensor: str = "ideal"
 
 
 @pytest.fixture
@@ -181,11 +194,24 @@ def test_a_cancelled_job_that_is_given_back_is_not_run_again(
     assert queue.claim("w") is None and not queue.release(claim, count_attempt=count_attempt)
 
 
+def test_an_option_of_a_later_version_leaves_a_request_the_same(database: Database) -> None:
+    state: Any = SimpleNamespace(database=database, settings=Settings())
+
+    def submit(inputs: BaseModel) -> JSONResponse:
+        return submit_job(state, EVERYBODY, "once", "drape_distance", inputs)
+
+    first, again = submit(Asked(n=2)), submit(AskedLater(n=2, sensor="ideal"))
+    assert first.headers["location"] == again.headers["location"]
+    with pytest.raises(ProblemError) as caught:
+        submit(AskedLater(n=2, sensor="sr300"))
+    assert caught.value.code == "idempotency_key_reused"
+
+
 def test_no_more_jobs_wait_than_may(database: Database, queue: JobQueue) -> None:
     state = SimpleNamespace(database=database, settings=Settings(job_queue=2))
 
     def submit() -> JSONResponse:
-        return submit_job(state, EVERYBODY, None, "drape_distance", {"n": 1})  # type: ignore[arg-type]  # all it reads
+        return submit_job(state, EVERYBODY, None, "drape_distance", Asked())  # type: ignore[arg-type]  # all it reads
 
     assert [submit().status_code for _ in range(2)] == [202, 202]
     with pytest.raises(ProblemError, match="2 jobs are waiting already: try again") as caught:

@@ -207,9 +207,10 @@ def test_a_fabric_without_captures_is_told_of(
 
 def test_estimate_prints_a_table(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main.run(["estimate", str(capture_set), "--density", "0.15", "--model", str(model)]) == 0
-    said = capsys.readouterr().out
+    said, told = capsys.readouterr()
     assert all(f"{name} " in said for name in ESTIMATED_NAMES) and "N·m" in said and "f2: 0.15 kg/m²" in said
     assert "the intervals promise nothing" in said
+    assert "--density is not used for f1: the set states it" in told
 
 
 def test_a_missing_density_names_the_fabric(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -251,11 +252,26 @@ def test_a_training_that_cannot_begin_leaves_nothing(
     for arguments, words, code in (
         (["--store", "no.zarr"], "no.zarr", "store_missing"),
         (["--store", "a", "--store", "b", "--store", "a"], "a is named twice", "store_twice"),
+        (["--store", str(store), "--store", f"{store}/"], "is named twice", "store_twice"),
         (["--store", str(store), "--ranks", "-1"], "-1 ranks: give at least 1", "ranks"),
     ):
         status, said = failure(capsys, "train", *arguments, "--out", "m", "--tensorboard", "events", *QUICK)
         assert status == 2 and words in said and said.endswith(f"[{code}]")
         assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_no_model_can_take_is_refused_before_the_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A model takes its place by a rename in the folder around it."""
+    out = tmp_path / "around" / "model"
+    out.mkdir(parents=True)
+    monkeypatch.setattr("os.access", lambda path, mode: Path(path) != out.parent)
+    code, said = failure(capsys, "train", "--store", "s.zarr", "--out", str(out), *QUICK)
+    assert code == 2 and f"{out.parent} cannot be written to: a model takes its place by a rename there" in said
+    monkeypatch.setattr(Path, "is_mount", lambda path: path == out)
+    code, said = failure(capsys, "train", "--store", "s.zarr", "--out", str(out), *QUICK)
+    assert code == 2 and "is where a disk is mounted" in said and said.endswith("[output_exists]")
 
 
 def test_an_empty_picture_is_refused(model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from datetime import timedelta
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from ray.exceptions import ActorDiedError, RayTaskError
-from torch.distributed.distributed_c10d import default_pg_timeout
 
 from services.training import job
 from simcore.errors import DrapemeterError, StoreError
@@ -113,15 +113,9 @@ def test_ranks_that_find_no_cpu_are_not_waited_for_without_an_end(
     assert caught.value.code == "workers_missing" and ranks["killed"] == 3
 
 
-def test_a_rank_waits_for_the_first_longer_than_the_library_would(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reading what is held out of a large store may take more than the half hour after which gloo gives up."""
-    met: dict[str, Any] = {}
-
-    def meet(_kind: str, **options: Any) -> None:
-        met.update(options)
-        raise CUT_OFF
-
-    monkeypatch.setattr("torch.distributed.init_process_group", meet)
-    with pytest.raises(RayTaskError):
-        job.TrainingRank(["s.zarr"], TrainConfig(), None, 1, 2).run("tcp://here:1")
-    assert met["timeout"] > 10 * default_pg_timeout
+def test_ranks_that_cannot_meet_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing listens at port 9."""
+    monkeypatch.setattr(job, "MEETING", timedelta(seconds=1))
+    with pytest.raises(DrapemeterError, match=r"rank 1 .* has not met the others at tcp://127\.0\.0\.1:9 \(") as caught:
+        job.TrainingRank(["s.zarr"], TrainConfig(), None, 1, 2).run("tcp://127.0.0.1:9")
+    assert caught.value.code == "ranks_apart"

@@ -9,7 +9,16 @@ import pytest
 import torch
 
 from simcore.errors import InputError
-from trainer.dataset import PairStream, Partition, PictureTable, batches, decode_heights, encode_heights, pair_up
+from trainer.dataset import (
+    PairStream,
+    Partition,
+    PictureTable,
+    batches,
+    deal_shards,
+    decode_heights,
+    encode_heights,
+    pair_up,
+)
 from trainer.split import split_materials
 
 from .analytic import AnalyticSource
@@ -45,6 +54,14 @@ def test_ranks_share_the_shards_without_overlap() -> None:
     parts = [set(_materials(_stream(partition=Partition(rank, 3)))) for rank in range(3)]
     assert set.union(*parts) == set(range(12))
     assert sum(map(len, parts)) == 12
+
+
+def test_shards_of_unequal_size_are_dealt_out_by_what_they_hold() -> None:
+    """16 shards of 24 pictures behind 16 of two, as of two stores; of one size they go round."""
+    home = np.concatenate([np.repeat(np.arange(16), 2), np.repeat(np.arange(16, 32), 24)])
+    held = [int(np.isin(home, shards).sum()) for shards in deal_shards(home, 8)]
+    assert held == [52] * 8
+    assert [list(shards) for shards in deal_shards(np.repeat(np.arange(7), 3), 3)] == [[0, 3, 6], [1, 4], [2, 5]]
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 3])

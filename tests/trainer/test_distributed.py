@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
@@ -12,15 +14,17 @@ from torch import nn
 
 from trainer.config import TrainConfig
 from trainer.dataset import Partition
-from trainer.distributed import average_gradients, average_statistics, broadcast_state
+from trainer.distributed import average_gradients, average_statistics, broadcast_state, on_first
 from trainer.train import pairs_of_batch, steps_of
 
 from .analytic import AnalyticSource
 
 
 def _rank(rank: int, meeting: str, out: str) -> None:
-    dist.init_process_group("gloo", init_method=meeting, rank=rank, world_size=2)
+    """What rank 0 does alone takes longer than the others wait for any message."""
+    dist.init_process_group("gloo", init_method=meeting, rank=rank, world_size=2, timeout=timedelta(seconds=3))
     partition = Partition(rank, 2)
+    on_first(lambda: time.sleep(5), partition)
     torch.manual_seed(rank)
     network = nn.Sequential(nn.Linear(3, 2), nn.BatchNorm1d(2))
     broadcast_state(network, partition)
@@ -54,6 +58,9 @@ def test_one_rank_alone_does_nothing() -> None:
     layer = nn.Linear(2, 2)
     layer(torch.ones(1, 2)).sum().backward()
     before = layer.weight.grad.clone() if layer.weight.grad is not None else None
+    done: list[int] = []
+    on_first(lambda: done.append(1), Partition())
+    assert done == [1]
     for step in (broadcast_state, average_gradients, average_statistics):
         step(layer, Partition())
     assert before is not None and layer.weight.grad is not None and torch.equal(layer.weight.grad, before)

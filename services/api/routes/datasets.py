@@ -37,4 +37,4 @@ def create_dataset(
     Scope `datasets:write`.
     """
     inputs.check()
-    return submit_job(state, caller, idempotency_key, "dataset", inputs.model_dump(mode="json"))
+    return submit_job(state, caller, idempotency_key, "dataset", inputs)

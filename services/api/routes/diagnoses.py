@@ -68,16 +68,15 @@ async def create_diagnosis(
     content = await capture_set.read()
     await run_in_threadpool(_check, content, state.settings)
     file = FileContent(ARCHIVE_NAME, "application/zip", content)
-    own = {"most_bytes"}
     return await run_in_threadpool(
         submit_job,
         state,
         caller,
         idempotency_key,
         "diagnosis",
-        inputs.model_dump(mode="json", exclude=own),
+        inputs,
         files=(file,),
-        own=inputs.model_dump(mode="json", include=own),
+        own=("most_bytes",),
     )
 
 

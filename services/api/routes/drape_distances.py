@@ -38,4 +38,4 @@ def create_drape_distance(
     `unit`. Scope `distances:write`.
     """
     inputs.check()
-    return submit_job(state, caller, idempotency_key, "drape_distance", inputs.model_dump(mode="json"))
+    return submit_job(state, caller, idempotency_key, "drape_distance", inputs)

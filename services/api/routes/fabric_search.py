@@ -46,4 +46,4 @@ def create_fabric_search(
             known = session.scalar(select(Fabric.id).where(Fabric.id == inputs.fabric_id))
         if known is None:
             raise ProblemError(404, "fabric_not_found", "there is no such fabric to look for")
-    return submit_job(state, caller, idempotency_key, "fabric_search", inputs.model_dump(mode="json"))
+    return submit_job(state, caller, idempotency_key, "fabric_search", inputs)
