@@ -54,6 +54,8 @@ def estimate(
         for fabric_id, value in densities.items():
             fabrics.append((fabric_id, value, estimator.estimate_named(fabric_id, inputs[fabric_id], value)))
             bar.advance()
+    if density is not None and (stated := [n for n in densities if captures.fabrics[n].density is not None]):
+        console.note(f"--density is not used for {', '.join(stated)}: the set states it")
     if json_output:
         units = {name: UNITS[name] for name in ESTIMATED_NAMES}
         documents = [as_document(*entry) for entry in fabrics]
@@ -75,8 +77,6 @@ def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, f
         raise InputError(f"{captures.folder}: the set lists no captures", code="no_captures")
     if unseen := [name for name in captures.fabrics if name not in shown]:
         console.note(f"no captures of {', '.join(unseen)}: nothing is estimated for it")
-    if default is not None and (stated := [name for name in shown if captures.fabrics[name].density is not None]):
-        console.note(f"--density is not used for {', '.join(sorted(stated))}: the set states it")
     densities: dict[str, float] = {}
     missing = []
     for fabric_id, fabric in captures.fabrics.items():
