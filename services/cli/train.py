@@ -116,7 +116,10 @@ def check_out(out: Path) -> None:
     check_folder(out, "give another folder for the model")
     target = Path(os.path.realpath(out))
     if target.is_mount():
-        raise InputError(f"{out} is where a disk is mounted, and no folder that can be replaced: name one in it", code="output_exists")
+        raise InputError(
+            f"{out} is where a disk is mounted, and no folder that can be replaced: name one in it",
+            code="output_exists",
+        )
     check_folder(target.parent, "a model takes its place by a rename there; give another folder for it")
 
 

@@ -90,8 +90,8 @@ class TrainingRank:
         except RuntimeError as error:  # of whatever layer: each has its own kind
             why = (str(error).splitlines() or [type(error).__name__])[0]
             raise DrapemeterError(
-                f"rank {self._rank} of the training has not met the others at {meeting_place} ({why}): ranks talk to each "
-                "other over any free ports, which must be open between the nodes; or use fewer --ranks",
+                f"rank {self._rank} of the training has not met the others at {meeting_place} ({why}): ranks talk to "
+                "each other over any free ports, which must be open between the nodes; or use fewer --ranks",
                 code="ranks_apart",
             ) from None
 
