@@ -221,6 +221,11 @@ def parse_camera(value: object, source: str) -> Camera:
     Raises:
         InputError: a value is missing or unusable.
     """
+    if not isinstance(value, dict):
+        raise InputError(
+            f"{source}: a camera is an object with width, height, fx, fy, cx, cy and depth_unit_m",
+            code="capture_set_invalid",
+        )
     try:
         return CameraDocument.model_validate(value).as_camera()
     except ValidationError as error:

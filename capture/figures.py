@@ -36,7 +36,11 @@ def draw_registration(prepared: PreparedCapture, path: Path) -> None:
     picture = left.imshow(depth, vmin=near - margin, vmax=far + margin, cmap="viridis_r")
     left.contour(mask, levels=[0.5], colors="black", linewidths=0.8)
     left.contour(standing, levels=[0.5], colors="red", linewidths=0.8)
-    left.set_title(f"{prepared.capture.id}: depth [m], cloth (black), measured as cloth (red)", fontsize=9)
+    left.set_title(
+        f"{prepared.capture.id}: depth [m], cloth (black), measured as cloth (red)",
+        fontsize=9,
+        parse_math=False,  # an id may hold any character
+    )
     figure.colorbar(picture, ax=left, shrink=0.85)
     height = np.where(prepared.network_input.mask, 1e3 * prepared.network_input.height, np.nan)
     picture = right.imshow(height, cmap="magma")

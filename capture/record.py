@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -18,6 +18,8 @@ from simcore.errors import InputError
 
 LOCK_WAIT_S = 60.0
 """So long another process may take to add its capture [s]."""
+MOST_MOVED_M, MOVED_SHARE = 0.01, 0.05
+"""Frames of a still scene differ by less than this [m] in all but this share of the picture."""
 MIN_SHARE_OF_FRAMES = 0.5
 """A pixel counts as seen where at least this share of the frames saw it."""
 
@@ -67,7 +69,8 @@ def record_capture(
     if frames < 1:
         raise InputError(f"{frames} frames: at least one is needed", code="no_frames")
     check_capture(folder, new, source.camera)
-    counts = temporal_median(islice(source.frames(), frames))
+    taken = list(islice(source.frames(), frames))
+    counts = temporal_median(taken)
     if not counts.any():
         raise InputError("every pixel of the frames is without data: take them again", code="depth_empty")
     with _alone(folder):
@@ -76,9 +79,37 @@ def record_capture(
         write_png(picture_path(folder, added.depth, writing=True), counts)
         write_captures_json(document, folder)
     if tell is not None:
-        for note in taken_for_granted(document, new):
+        for note in (*taken_for_granted(document, new), *moving(taken, source.camera.depth_unit_m)):
             tell(note)
     return added.id
+
+
+def moving(frames: Sequence[Frame], depth_unit_m: float) -> list[str]:
+    """In words, that frames are not of one still scene; nothing of those that are.
+
+    Args:
+        frames: uint16 [H, W] each, 0 = no data.
+        depth_unit_m: of their counts [m].
+    """
+    if len(frames) < 2:
+        return []
+    stack = np.sort(np.stack(frames), axis=0)  # no data first
+    count = np.count_nonzero(stack, axis=0)
+    stack, count = stack[:, kept := count >= MIN_SHARE_OF_FRAMES * len(frames)], count[kept]
+    if not count.size:
+        return []
+    # a fifth of the frames may be beside the others: flying pixels, not cloth that moves
+    first, cut = len(frames) - count, count // 5
+    low, high = (np.take_along_axis(stack, at[None], axis=0)[0] for at in (first + cut, len(frames) - 1 - cut))
+    spread = (high - low) * depth_unit_m
+    most = max(MOST_MOVED_M, 6.0 * float(np.median(spread)))
+    share = float(np.mean(spread > most))
+    if share <= MOVED_SHARE:
+        return []
+    return [
+        f"the frames differ by more than {1e3 * most:.0f} mm in {100 * share:.0f} % of the picture: the cloth swung, "
+        "or they are of several captures, which are to be added one by one"
+    ]
 
 
 def check_capture(folder: str | Path, new: NewCapture, camera: Camera) -> None:

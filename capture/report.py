@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import ndimage
 
+from capture.outline import expected_outline
 from capture.picture import pixel_footprint_m
 from capture.prepare import PreparedCapture
 from capture.register import Registration
@@ -13,6 +15,7 @@ from capture.segment import ClothRegion
 
 MAX_NOISE_M = 0.004
 MAX_HOLES = 0.4
+MOST_CLOTH = 1.3
 MAX_PANEL_RMS_M = 0.006
 MAX_PANEL_OFFSET_M = 0.004
 MAX_PANEL_TURN_DEG = 0.4
@@ -45,7 +48,7 @@ class CaptureReport:
         cloth_pixels: in the cloth's mask.
         cloth_share: area of the mask over the sample's area.
         standing_share: area that was measured in front of the panel (or on the cloth, without one), over the sample's.
-        holes: share of the cloth's pixels without data.
+        holes: share without data of the pixels where cloth is seen or should be.
         noise_m: of neighbouring pixels' depth.
         panel: None where there is none or it is hidden.
         pose: ``camera_from_panel``, found or given, rows of a 4 x 4 matrix.
@@ -92,9 +95,9 @@ def report_capture(prepared: PreparedCapture) -> CaptureReport:
         scene=capture.scene.value,
         repeat=capture.repeat,
         cloth_pixels=int(np.count_nonzero(region.mask)),
-        cloth_share=float(np.count_nonzero(region.mask)) * pixel / sample,
+        cloth_share=_cloth_share(prepared),
         standing_share=float(np.count_nonzero(region.standing)) * pixel / sample,
-        holes=region.holes,
+        holes=holes_of(prepared),
         noise_m=region.noise_m,
         panel=panel,
         pose=pose.tolist(),
@@ -127,8 +130,8 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None) -> list[str]
     found = []
     if region.noise_m > MAX_NOISE_M:
         found.append(f"noise of {1e3 * region.noise_m:.1f} mm: come closer, or record more frames for the median")
-    if region.holes > MAX_HOLES:
-        found.append(f"{100 * region.holes:.0f} % of the cloth has no data: shade strong lights, record more frames")
+    if (holes := holes_of(prepared)) > MAX_HOLES:
+        found.append(f"{100 * holes:.0f} % of the cloth has no data: shade strong lights, record more frames")
     if capture.setup.panel and panel is None:
         found.append("no panel is seen: set panel to false if there is none")
     if panel is not None and panel.rms_m > max(MAX_PANEL_RMS_M, 2.0 * region.noise_m):
@@ -145,7 +148,32 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None) -> list[str]
             "picture or give the pose"
         )
     found += at_border(region)
+    if (share := _cloth_share(prepared)) > MOST_CLOTH:
+        found.append(
+            f"what is taken for cloth is {share:.1f} times the sample: check panel, sample_size_m and depth_unit_m"
+        )
     return found
+
+
+def holes_of(prepared: PreparedCapture) -> float:
+    """Share of the pixels without data where cloth is seen or, before a panel, should be.
+
+    Small holes lie in what is seen; one that sunlight makes may take half the cloth, and only the pose tells of it.
+    """
+    capture, seen = prepared.capture, prepared.region.mask
+    if not capture.setup.panel:
+        return prepared.region.holes
+    expected = expected_outline(capture.camera, prepared.registration.camera_from_panel, capture.setup)
+    where = ndimage.binary_closing(seen, iterations=2) | seen | expected
+    return float(np.mean(prepared.depth[where] == 0.0)) if where.any() else 0.0
+
+
+def _cloth_share(prepared: PreparedCapture) -> float:
+    """Area of the cloth's mask over the sample's."""
+    capture, mask = prepared.capture, prepared.region.mask
+    pixel = pixel_footprint_m(np.where(mask, prepared.depth, np.float32(0.0)), capture.camera) ** 2
+    width, height = capture.setup.sample_size_m
+    return float(np.count_nonzero(mask)) * pixel / (width * height)
 
 
 def pins_far(registration: Registration) -> list[str]:

@@ -182,6 +182,22 @@ class StoreWriter:
             self._array(array_specs(self.layout)[-1])[shard] = np.frombuffer(total, dtype=np.uint8)
         return total.hex()
 
+    def status(self, shard: int) -> NDArray[np.uint8] | None:
+        """Status of a finished shard's rows, uint8, shape [rows]; None where its completion mark is not there.
+
+        Raises:
+            StoreError: the place fails, or the shard is damaged.
+        """
+        from zarr.core.sync import sync
+
+        *_, mark = array_specs(self.layout)
+        with store_errors(self.url):
+            if not sync(self._group.store.exists(object_key(mark, shard))):
+                return None
+            rows = self.layout.shard_rows(shard)
+            ended: NDArray[np.uint8] = self._group["status"][rows.start : rows.stop]
+            return ended
+
     def _clear(self, shard: int) -> None:
         """Remove a shard's objects, the mark first: Zarr reads what it writes over, and cannot read what is damaged."""
         from zarr.core.sync import sync

@@ -12,5 +12,6 @@ for candidate in "${candidates[@]}"; do
     fi
 done
 echo "error: Python 3.11 or 3.12 with the venv module is needed and was not found${PYTHON:+ at $PYTHON}:" \
-    "install it (Debian: apt-get install python3 python3-venv) or name it, make setup PYTHON=/path/to/python3.11" >&2
+    "install it (Debian 12: python3 and python3-venv; Ubuntu 22.04: python3.11-venv; 24.04: python3.12-venv)" \
+    "or name one, make setup PYTHON=/path/to/python3.11" >&2
 exit 1

@@ -14,7 +14,14 @@ if [ "$(uname -sm)" != "Linux x86_64" ] || [ "$(printf '%s\n' 2.35 "${glibc:-0}"
     exit 1
 fi
 scripts/system-packages.sh
-if [ ! -x "$venv/bin/python" ]; then
+if [ -x "$venv/bin/python" ]; then
+    if ! "$venv/bin/python" -c 'import sys; assert (3, 11) <= sys.version_info[:2] <= (3, 12)' 2>/dev/null; then
+        echo "error: $venv holds $("$venv/bin/python" --version 2>&1 || true), and Python 3.11 or 3.12 is needed:" \
+            "remove it, or name another folder, make setup VENV=FOLDER" >&2
+        exit 1
+    fi
+    if [ -n "${PYTHON:-}" ]; then echo "$venv is there: PYTHON=$PYTHON is not used (remove $venv to make it anew)"; fi
+else
     python="$(scripts/find-python.sh)"
     echo "making $venv with $("$python" --version)"
     "$python" -m venv "$venv"

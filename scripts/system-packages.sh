@@ -37,7 +37,7 @@ if ! command -v apt-get >/dev/null; then
     exit 1
 fi
 if [ "$(id -u)" -ne 0 ]; then
-    echo "error: system packages are missing; run: sudo apt-get install ${missing[*]}" >&2
+    echo "error: system packages are missing; run: sudo apt-get update && sudo apt-get install ${missing[*]}" >&2
     exit 1
 fi
 echo "installing system packages: ${missing[*]}"

@@ -17,8 +17,10 @@ from sqlalchemy.exc import DataError
 from starlette.exceptions import HTTPException
 from starlette.routing import Match, Route
 
+from renderer.atomic import NO_ROOM as DISK_FULL
 from services.api.context import request_id
 from services.db.engine import DATABASE_AWAY
+from services.jobs.task import NO_ROOM
 from simcore.errors import DrapemeterError, InputError, MissingResourceError
 
 MEDIA_TYPE = "application/problem+json"
@@ -34,6 +36,8 @@ CODES: dict[int, str] = {
 }
 """Codes of errors that the framework raises by itself."""
 JSON_TYPE = re.compile(r"application/([a-z0-9.-]+\+)?json")
+MOST_FIELDS = 100
+"""Of what is wrong with a body, so much is told field by field."""
 MISSING_RETRY_S = "60"
 """Something that the server should have is not there: somebody has to mend that first."""
 
@@ -124,6 +128,11 @@ async def _on_http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
     code = error.code if isinstance(error, ProblemError) else CODES.get(error.status_code, "http_error")
     headers, detail = dict(error.headers or {}), str(error.detail)
+    cause = error.__cause__
+    if isinstance(cause, OSError) and cause.errno in DISK_FULL:  # while an upload was read: no fault of who sent it
+        log.error("no_room", error=str(cause))
+        detail = "the service has no room for the upload: try again in a while"
+        return problem_response(503, NO_ROOM, detail, request.url.path, headers={"Retry-After": MISSING_RETRY_S})
     if error.status_code == HTTPStatus.BAD_REQUEST and not isinstance(error, ProblemError):
         detail = f"the request cannot be read ({detail.rstrip('.')}): send well-formed JSON in UTF-8, or a whole form"
     if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
@@ -144,14 +153,15 @@ async def _on_validation_error(request: Request, error: Exception) -> JSONRespon
     # Only place, kind and message: what was sent may be long, secret or no valid JSON.
     fields = [
         FieldError(pointer="/".join(str(part) for part in e["loc"]), code=str(e["type"]), detail=str(e["msg"]))
-        for e in error.errors()
+        for e in error.errors()[:MOST_FIELDS]
     ]
     sent = request.headers.get("content-type", "").split(";")[0].strip().lower()
     if [field.pointer for field in fields] == ["body"] and not JSON_TYPE.fullmatch(sent):
         detail = f"the body is {sent or 'of no stated kind'}: send JSON, with Content-Type: application/json"
         return problem_response(415, "media_type_unsupported", detail, request.url.path)
     first = fields[0] if fields else FieldError(pointer="body", code="invalid", detail="the request is not valid")
-    more = f" (and {len(fields) - 1} more)" if len(fields) > 1 else ""
+    others = len(error.errors()) - 1
+    more = f" (and {others} more)" if others > 0 else ""
     detail = f"{first.pointer}: {first.detail}{more}"
     return problem_response(422, "validation_failed", detail, request.url.path, errors=fields)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
@@ -28,6 +28,7 @@ def submit_job(
     *,
     files: Sequence[FileContent] = (),
     own: Collection[str] = (),
+    check: Callable[[Session], None] = lambda session: None,
 ) -> JSONResponse:
     """Queue a job once under its Idempotency-Key.
 
@@ -39,6 +40,7 @@ def submit_job(
         inputs: what is asked. What is left at its default does not tell one request from another: under its key a
             request stays the same when a later version of the service can be asked for more.
         files: what was sent with it.
+        check: refuses, in the transaction, what an earlier answer under the key is given for.
         own: names of inputs that are the server's: with others the same request is still the same.
 
     Raises:
@@ -49,6 +51,7 @@ def submit_job(
     once = Once(state.database, caller, key, fingerprint(f"job {kind}", content), state.settings.idempotency_hours)
 
     def make(session: Session) -> Answer:
+        check(session)
         waiting = session.scalar(select(func.count()).select_from(Job).where(Job.status == JobStatus.QUEUED)) or 0
         if waiting >= state.settings.job_queue:
             detail = f"{waiting} jobs are waiting already: try again when some have ended"

@@ -96,7 +96,6 @@ def register_set(
     """
     import json
 
-    from capture.addition import file_name
     from capture.capture_set import CaptureSet
     from capture.figures import draw_registration
     from capture.prepare import prepare_all
@@ -107,10 +106,12 @@ def register_set(
     found = CaptureSet.load(capture_set)
     prepared_captures = list(prepare_all(found.captures))  # all are found before anything is written
     make_folder(out, "give another folder for the pictures")
+    for picture in _earlier_pictures(out):
+        picture.unlink(missing_ok=True)
     reports = []
     with console.progress("drawing", len(prepared_captures)) as bar:
         for number, prepared in enumerate(prepared_captures):
-            draw_registration(prepared, out / f"{number:03d}-{file_name(prepared.capture.id)}.png")
+            draw_registration(prepared, out / _picture_name(number, prepared.capture.id))
             reports.append(report_capture(prepared))
             bar.advance()
     poses = {"captures": to_plain(reports)}
@@ -121,6 +122,23 @@ def register_set(
     for line in _table(reports):
         console.say(line)
     console.say(f"pictures and poses.json are in {out}")
+
+
+def _picture_name(number: int, capture_id: str) -> str:
+    from capture.addition import file_name
+
+    return f"{number:03d}-{file_name(capture_id)}.png"
+
+
+def _earlier_pictures(folder: Path) -> list[Path]:
+    """Pictures of an earlier set there, which its ``poses.json`` lists."""
+    import json
+
+    try:
+        listed = json.loads((folder / "poses.json").read_text(encoding="utf-8"))["captures"]
+        return [folder / _picture_name(number, str(capture["id"])) for number, capture in enumerate(listed)]
+    except (OSError, ValueError, LookupError, TypeError):
+        return []
 
 
 def import_frames(

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from services.dataset.fabrics import FabricTable
     from services.dataset.worker import SimulationDone
 
+HOPELESS = ("store_damaged", "store_layout", "store_schema")
+"""Codes of a store that no sweep can finish."""
 NOTE_S = 60.0
 """Seconds between two lines of progress where there is no terminal."""
 
@@ -111,6 +113,8 @@ def sweep(
             console.note(f"{out}: what is done is kept; the same command with --resume goes on")
             raise
         except StoreError as error:
+            if error.code in HOPELESS:
+                raise
             raise StoreError(f"{error}; what is done is kept, --resume does the rest", code=error.code) from error
         except MissingResourceError as error:
             if error.code == CLUSTER_LOST:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import socket
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields
@@ -147,6 +148,11 @@ def serve(
         if json_output:
             console.emit_json({"study": study, "url": f"{url_of(listener)}/"})
         console.note(f"{store.study.name}: {url_of(listener)}/  (Ctrl-C ends)")
+        if listener.getsockname()[0] in {"0.0.0.0", "::"}:
+            console.note(
+                f"others reach it at http://{socket.gethostname()}:{listener.getsockname()[1]}/, or this "
+                "machine's address in their network"
+            )
         with suppress(KeyboardInterrupt):
             server.run(sockets=[listener])
 

@@ -144,11 +144,15 @@ def _connect(address: str) -> None:
 
 def _knock(address: str) -> None:
     """Find out at once whether anybody listens; Ray itself would try for minutes."""
-    place = urlsplit(address if "://" in address else f"//{address}")
-    if place.hostname is None or place.port is None:
+    try:
+        place = urlsplit(address if "://" in address else f"//{address}")
+        host, port = place.hostname, place.port
+    except ValueError as error:
+        raise _no_cluster(address, str(error)) from None
+    if host is None or port is None:
         return  # 'auto' and its like: Ray knows
     try:
-        socket.create_connection((place.hostname, place.port), timeout=_PROBE_S).close()
+        socket.create_connection((host, port), timeout=_PROBE_S).close()
     except OSError as error:
         raise _no_cluster(address, error.strerror or str(error)) from None
 

@@ -23,7 +23,8 @@ MAX_SHORT = 3
 """Times that a shard may find too little memory."""
 
 MAX_STILLBORN = 10
-"""Workers that may die before they start."""
+"""Workers that may die before they start, one after the other; as many as are wanted where these are more, since a
+machine may be lost with all it starts."""
 
 POLL_S = 0.5
 
@@ -168,9 +169,10 @@ class Dispatcher:
             ray.get(event)
         except ray.exceptions.RayError as error:
             self._stillborn += 1
-            if self._stillborn > MAX_STILLBORN:
+            if self._stillborn > max(MAX_STILLBORN, self._options.workers):
                 raise StoreError(f"workers die before they start: {error}", code="workers_die") from None
             return
+        self._stillborn = 0
         self._heard = time.monotonic()
         self._idle.append(slot)
 

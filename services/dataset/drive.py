@@ -11,6 +11,7 @@ from services.dataset.dispatch import Dispatcher, DispatchOptions
 from services.dataset.fabrics import FabricTable
 from services.dataset.metrics import SweepMetrics
 from services.dataset.worker import SimulationDone
+from simcore.errors import StoreError
 
 POLL_S = 1.0
 Listener = Callable[[SimulationDone], None]
@@ -57,16 +58,21 @@ class Drive:
         import ray
 
         mailbox: Any = ray.remote(Mailbox).options(num_cpus=0).remote()
+        # begun anew where its machine is lost: workers pass over what is stored
         loop = ray.remote(_loop).options(num_cpus=0, max_retries=3).remote(self, mailbox)
         finished: list[Any] = []
-        while not finished:
-            finished, _ = ray.wait([loop], timeout=POLL_S)
-            for word in ray.get(mailbox.take.remote()):
-                listen(word)
         try:
+            while not finished:
+                finished, _ = ray.wait([loop], timeout=POLL_S)
+                for word in ray.get(mailbox.take.remote()):
+                    listen(word)
             ray.get(loop)
         except ray.exceptions.RayTaskError as error:
             raise error.cause from None
+        except (ray.exceptions.RayActorError, ray.exceptions.WorkerCrashedError) as error:
+            raise StoreError(
+                f"what drives the sweep was lost on the cluster ({type(error).__name__})", code="workers_die"
+            ) from None
 
 
 class Mailbox:

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from renderer.atomic import NO_ROOM
-from renderer.camera import CANONICAL_CAMERA, frontal_pose
+from renderer.camera import CANONICAL_CAMERA, Camera, frontal_pose
 from renderer.depth_png import dequantise_depth, write_depth_png
 from renderer.store import RowStatus, ShardRows, Store
 from renderer.store_format import DEPTH_UNIT_M, SCENE_NAMES
+from services.dataset.configuration import SweepConfiguration
+from services.dataset.extension import SOME_CLOTH, build_scene
 from simcore.errors import DrapemeterError, InputError
 from simcore.mesh import GridMesh
 from simcore.parameters import PARAMETER_NAMES
+
+Draw = Callable[[NDArray[np.float32], int, float], NDArray[np.uint8]]
+"""A shaded picture of vertices [n, 3] of a material's drape at an inclination [degrees]."""
 
 COLUMNS = (
     "sample", "depth", "shaded", "material", "scene", "jitter", "inclination_deg", "status", "reason", "seed",
@@ -75,7 +83,7 @@ def _write_samples(
     store: Store,
     folder: Path,
     table: csv.DictWriter[str],
-    draw: Callable[[Any, float], Any] | None,
+    draw: Draw | None,
     limit: int,
     listen: Callable[[int], None],
 ) -> int:
@@ -94,7 +102,7 @@ def _write_samples(
 
 
 def _write_sample(
-    folder: Path, rows: ShardRows, place: int, sample: int, draw: Callable[[Any, float], Any] | None, pictures: int
+    folder: Path, rows: ShardRows, place: int, sample: int, draw: Draw | None, pictures: int
 ) -> dict[str, Any]:
     from PIL import Image
 
@@ -117,20 +125,40 @@ def _write_sample(
         write_depth_png(folder / row["depth"], dequantise_depth(rows.depth[place], DEPTH_UNIT_M), DEPTH_UNIT_M)
     if usable and draw is not None:
         row["shaded"] = f"shaded/{sample:09d}.png"
-        picture = draw(rows.vertices[place // pictures], row["inclination_deg"])
+        picture = draw(rows.vertices[place // pictures], int(rows.material[place]), row["inclination_deg"])
         Image.fromarray(picture).save(folder / row["shaded"])
     return row
 
 
-def _shader(store: Store) -> Callable[[Any, float], Any]:
-    """A function that draws a drape at an inclination."""
+def _shader(store: Store) -> Draw:
+    """A function that draws a drape as the camera of its own sweep saw it, at an inclination."""
     from renderer.shade import ShadedRenderer
 
-    stored = store.stated["configuration"]
-    while "merged" in stored:
-        stored = stored["merged"][0]
-    mesh = GridMesh(stored["resolution_m"])
-    renderer = ShadedRenderer(CANONICAL_CAMERA)
-    return lambda vertices, inclination: renderer.render(
-        vertices, mesh.triangles, mesh.uv, frontal_pose(), inclination_deg=inclination
-    )
+    sweeps = list(_sweeps(store.stated["configuration"]))
+    mesh = GridMesh(sweeps[0]["resolution_m"])
+    views = [_view(sweep) for sweep in sweeps]
+    renderers = [ShadedRenderer(camera) for camera, _ in views]
+    ends = np.cumsum([sweep["materials"] for sweep in sweeps])  # a merge numbers materials on from store to store
+
+    def draw(vertices: NDArray[np.float32], material: int, inclination: float) -> NDArray[np.uint8]:
+        place = int(np.searchsorted(ends, material, side="right"))
+        return renderers[place].render(vertices, mesh.triangles, mesh.uv, views[place][1], inclination_deg=inclination)
+
+    return draw
+
+
+def _sweeps(stored: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The configurations of the sweeps that a store's is of, in order."""
+    for one in stored.get("merged", ()):
+        yield from _sweeps(one)
+    if "merged" not in stored:
+        yield stored
+
+
+def _view(sweep: dict[str, Any]) -> tuple[Camera, NDArray[np.float64]]:
+    """Camera and its pose from the panel: where a sweep has effects they may be others than usual."""
+    if not sweep.get("simulator"):
+        return CANONICAL_CAMERA, frontal_pose()
+    configuration = SweepConfiguration.model_validate(sweep)
+    scene = build_scene(configuration, configuration.scenes[0], SOME_CLOTH, seed=0)
+    return scene.camera, scene.camera_from_panel

@@ -35,10 +35,11 @@ class FabricTable:
     listed: NDArray[np.float64] | None = None
 
     def parameters(self, materials: Sequence[int]) -> NDArray[np.float32]:
-        """Fabric parameters, SI, float32, shape [len(materials), 7]."""
+        """Fabric parameters, SI, float32, shape [len(materials), 7]; a shard names each fabric several times."""
         if self.listed is not None:
             return self.listed[np.asarray(materials, dtype=np.int64)].astype(np.float32)
-        return self.prior.sample_array(materials, design=self.design).astype(np.float32)
+        once, places = np.unique(np.asarray(materials, dtype=np.int64), return_inverse=True)
+        return self.prior.sample_array(once.tolist(), design=self.design).astype(np.float32)[places]
 
 
 def plan_sweep(

@@ -58,7 +58,8 @@ def inspect_store(store: Store) -> StoreReport:
     parameters = store.parameters[finished]
     sizes = store.object_sizes()
     usable = int(store.ok.sum())
-    picture = sizes.get("depth", 0) / usable if usable else float("nan")
+    picture = sizes.get("depth", 0) / usable if usable else 0.0
+    picture = picture or float("nan")  # none is usable, or what should hold them is lost
     return StoreReport(
         samples=len(store),
         materials=layout.materials,

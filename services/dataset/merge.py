@@ -100,7 +100,13 @@ def _merged_layout(sources: Sequence[Store]) -> StoreLayout:
                 )
         if not source.complete.all():
             raise InputError(f"{source.url} is unfinished; complete it with --resume first", code="merge_unfinished")
-    return first.model_copy(update={"materials": sum(source.layout.materials for source in sources)})
+    return first.model_copy(
+        update={
+            "materials": sum(source.layout.materials for source in sources),
+            # a pilot's are few, and a store of them has as many objects as simulations
+            "simulations_per_shard": max(source.layout.simulations_per_shard for source in sources),
+        }
+    )
 
 
 def _simulations(sources: Sequence[Store]) -> Iterator[ShardRows]:

@@ -30,18 +30,19 @@ class SweepMetrics:
             "Wall-clock time of a simulation with its pictures.",
             boundaries=[0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0],
         )
-        self._last: dict[int, float] = {}
+        self._last: dict[str, float] = {}
         self._tally = Tally()
 
     def count(self, word: SimulationDone) -> None:
         """Take one word of a worker."""
         now = time.monotonic()
-        if word.process_id in self._last:
-            self._seconds.observe(now - self._last[word.process_id])
-        self._last[word.process_id] = now
+        worker = f"{word.host}:{word.process_id}"
+        if worker in self._last:
+            self._seconds.observe(now - self._last[worker])
+        self._last[worker] = now
         if self._tally.is_new(word.simulation):
             self._simulations.inc(tags={"status": word.status.label})
-        self._memory.set(word.rss_bytes, tags={"worker": str(word.process_id)})
+        self._memory.set(word.rss_bytes, tags={"worker": worker})
         if word.stored:
             self._shards.inc()
 

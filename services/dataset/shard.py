@@ -141,9 +141,9 @@ def simulate_and_render(
             mechanics=built.mechanics,
             time_limit_s=configuration.time_limit_s,
         )
-    except OutOfMemoryError:
+    except (OutOfMemoryError, MemoryError):
         raise
-    except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
+    except Exception as error:  # noqa: BLE001  whatever one simulation fails of, the others go on
         refused = isinstance(error, DrapemeterError)
         status = RowStatus.REFUSED if refused else RowStatus.CRASHED
         return Outcome(status, f"{type(error).__name__}: {error}", None, nothing)
@@ -156,7 +156,9 @@ def simulate_and_render(
         depth = render_pictures(drape, built, configuration)
         fault = picture_fault(depth)
         counts = quantise_depth(apply_sensor(depth, seed, built), DEPTH_UNIT_M)
-    except (DrapemeterError, ArithmeticError, ValueError, RuntimeError) as error:
+    except (OutOfMemoryError, MemoryError):
+        raise
+    except Exception as error:  # noqa: BLE001
         return Outcome(RowStatus.BAD_RENDER, f"{type(error).__name__}: {error}", drape, nothing)
     if not counts.reshape(len(counts), -1).any(axis=1).all():
         fault = fault or "the sensor reads nothing"

@@ -21,7 +21,7 @@ from services.dataset.solver_kind import SolverKind
 from services.dataset.tally import Tally
 from services.dataset.worker import SimulationDone
 from services.version import data_version
-from simcore.errors import InputError
+from simcore.errors import InputError, StoreError
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,6 @@ def prepare_store(url: str, configuration: SweepConfiguration, *, resume: bool) 
     """
     left = shards_left(url, configuration, resume=resume)
     if left is not None:
-        if not is_remote(url):
-            for leftover in local_path(url).rglob("*.partial"):  # of a writer killed in the middle of an object
-                leftover.unlink(missing_ok=True)
         return left
     StoreWriter.create(
         url,
@@ -123,7 +120,7 @@ def run_sweep(
 
     Raises:
         InputError: bad input; nothing was damaged.
-        StoreError: the store's place failed; ``resume`` does the rest.
+        StoreError: the store's place failed, or another process took finished shards away; ``resume`` does the rest.
     """
     started = time.monotonic()
     tally = Tally()
@@ -152,6 +149,15 @@ def run_sweep(
             else:
                 drive.run(hear)
     store = Store.open(place)
+    if not store.complete.all():
+        raise StoreError(
+            f"{int((~store.complete).sum())} shards of {url} are not there, though each was stored: does another sweep "
+            "write to it?",
+            code="shards_missing",
+        )
+    if not is_remote(place):
+        for leftover in local_path(place).rglob("*.partial"):  # of a writer killed in the middle of an object
+            leftover.unlink(missing_ok=True)
     return SweepSummary(len(store), count_failures(store), time.monotonic() - started)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import os
+import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +20,8 @@ from simcore.errors import OutOfMemoryError
 if TYPE_CHECKING:
     from simcore.solver import Solver
 
+_log = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True)
 class SimulationDone:
@@ -27,7 +31,8 @@ class SimulationDone:
         simulation: its number in the sweep.
         status: how it ended.
         solves: simulations this worker has done since it started.
-        process_id: the worker's process, on its node.
+        host: the worker's machine, pod or container.
+        process_id: the worker's process there.
         rss_bytes: memory the worker holds.
         stored: the shard is written and marked complete.
     """
@@ -35,6 +40,7 @@ class SimulationDone:
     simulation: int
     status: RowStatus
     solves: int
+    host: str
     process_id: int
     rss_bytes: int
     stored: bool
@@ -84,10 +90,16 @@ class ShardWorker:
 
     def _run(self, task: ShardTask) -> Iterator[SimulationDone | ShardSolved]:
         solver, writer = self._ready()
-        numbers = self._configuration.layout.shard_simulations(task.shard)
+        layout = self._configuration.layout
+        numbers = layout.shard_simulations(task.shard)
+        ended = writer.status(task.shard)
+        if ended is not None:  # by another driver of this store, or by this one before it was begun anew
+            for number, status in zip(numbers, ended[:: layout.pictures], strict=True):
+                yield self._word(number, RowStatus(int(status)), stored=number == numbers[-1])
+            return
         parts: list[ShardRows] = []
         if isinstance(solver, ShardSolver) and not task.one_by_one:
-            solver.ahead(shard_requests(task, self._configuration), self._configuration.time_limit_s)
+            _solve_ahead(solver, task, self._configuration)
         for number, (status, rows) in zip(numbers, simulate_shard(task, self._configuration, solver), strict=True):
             parts.append(rows)
             self._solves += 1
@@ -95,7 +107,10 @@ class ShardWorker:
             if stored:
                 yield ShardSolved(task.shard)  # a store that makes it wait is no simulation's fault
                 writer.write_shard(task.shard, ShardRows.concatenate(parts))
-            yield SimulationDone(number, status, self._solves, os.getpid(), resident_bytes(), stored)
+            yield self._word(number, status, stored=stored)
+
+    def _word(self, number: int, status: RowStatus, *, stored: bool) -> SimulationDone:
+        return SimulationDone(number, status, self._solves, socket.gethostname(), os.getpid(), resident_bytes(), stored)
 
     def _ready(self) -> tuple[Solver | ShardSolver, StoreWriter]:
         """Solver and writer, made by the first shard: what fails there is raised as a task's error, with its cause."""
@@ -109,6 +124,16 @@ class ShardWorker:
             else:
                 self._solver = ShardSolver(mesh, kind, self._configuration.simulations_per_shard)
         return self._solver, self._writer
+
+
+def _solve_ahead(solver: ShardSolver, task: ShardTask, configuration: SweepConfiguration) -> None:
+    """Solve a shard's simulations together; where that fails each is solved by itself, and says why it cannot be."""
+    try:
+        solver.ahead(shard_requests(task, configuration), configuration.time_limit_s)
+    except (OutOfMemoryError, MemoryError):
+        raise
+    except Exception as error:  # noqa: BLE001  of one simulation, most likely: the others go on
+        _log.warning("shard %d is solved one by one: %s: %s", task.shard, type(error).__name__, error)
 
 
 def resident_bytes() -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,7 +37,7 @@ def upgrade(database: Database) -> None:
     with database.engine.execution_options(write=True).begin() as connection:
         if not database.is_sqlite:
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
-        if _heads(connection) - _known(config):
+        if _heads(connection) - _known():
             raise _of_later_version(database)
         config.attributes["connection"] = connection
         command.upgrade(config, "head")
@@ -45,7 +46,7 @@ def upgrade(database: Database) -> None:
 def is_current(database: Database) -> bool:
     """Whether the tables are those of this version of the software."""
     with database.engine.connect() as connection:
-        return _heads(connection) == set(_scripts(_config()).get_heads())
+        return _heads(connection) == _own_heads()
 
 
 def is_usable(database: Database) -> bool:
@@ -54,8 +55,7 @@ def is_usable(database: Database) -> bool:
     """
     with database.engine.connect() as connection:
         heads = _heads(connection)
-    own = heads == set(_scripts(_config()).get_heads())
-    return bool(heads) and (own or not heads & _known(_config()))
+    return bool(heads) and (heads == _own_heads() or not heads & _known())
 
 
 def require_current(database: Database) -> None:
@@ -66,7 +66,7 @@ def require_current(database: Database) -> None:
     """
     database.ping()
     with database.engine.connect() as connection:
-        later = _heads(connection) - _known(_config())
+        later = _heads(connection) - _known()
     if later:
         raise _of_later_version(database)
     if not is_current(database):
@@ -90,9 +90,16 @@ def _heads(connection: Connection) -> set[str]:
     return set(MigrationContext.configure(connection).get_current_heads())
 
 
-def _known(config: Config) -> set[str]:
-    """The migrations of this version of the software."""
-    return {script.revision for script in _scripts(config).walk_revisions()}
+@cache
+def _known() -> frozenset[str]:
+    """The migrations of this version of the software, whose files are read once: readiness is asked for often."""
+    return frozenset(script.revision for script in _scripts(_config()).walk_revisions())
+
+
+@cache
+def _own_heads() -> frozenset[str]:
+    """Where the tables of this version of the software are."""
+    return frozenset(_scripts(_config()).get_heads())
 
 
 def _make_private(file: Path) -> None:

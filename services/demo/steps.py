@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import time
 from collections.abc import Iterator
@@ -13,7 +14,10 @@ from services import console
 from simcore.errors import InputError
 
 MARKER = "demo.json"
-"""The file that ends a demonstration and by which a folder is known as one."""
+"""The file that ends a demonstration and by whose content a folder is known as one."""
+_UNDER_WAY = {"demonstration": "drapemeter"}
+_ENDED = frozenset({"out", "files", "estimates", "distances"})
+"""Some keys of the document."""
 
 
 @dataclass
@@ -41,7 +45,7 @@ def prepare_folder(out: Path) -> None:
     """
     try:
         if out.is_dir() and any(out.iterdir()):
-            if not (out / MARKER).is_file():
+            if not _is_ours(out / MARKER):
                 raise InputError(
                     f"{out} is not empty and holds no earlier demonstration: give --out another folder",
                     code="folder_not_empty",
@@ -50,6 +54,15 @@ def prepare_folder(out: Path) -> None:
                 if path.name != MARKER:
                     path.unlink() if path.is_symlink() or not path.is_dir() else shutil.rmtree(path)
         out.mkdir(parents=True, exist_ok=True)
-        (out / MARKER).write_text("{}\n", encoding="utf-8")
+        (out / MARKER).write_text(json.dumps(_UNDER_WAY) + "\n", encoding="utf-8")
     except OSError as error:
         raise InputError(f"cannot make the folder {out}: {error.strerror or error}", code="cannot_write") from None
+
+
+def _is_ours(marker: Path) -> bool:
+    """Whether a demonstration has begun or ended in the marker's folder: other programs have a ``demo.json``, too."""
+    try:
+        said = json.loads(marker.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(said, dict) and (said == _UNDER_WAY or said.keys() >= _ENDED)

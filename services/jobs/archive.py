@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import lzma
 import re
 import stat
 import struct
@@ -28,11 +27,12 @@ MOST_NAME_BYTES = 200
 MOST_PATH_BYTES, MOST_PARTS = 1000, 50
 DRIVE = re.compile(r"[A-Za-z]:")
 BLOCK = 256 * 1024
+METHODS = frozenset({zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED})
+"""Of these as little is unpacked at once as is asked for; of bzip2 and LZMA all that a few bytes hold."""
 DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
     struct.error,
-    lzma.LZMAError,
     EOFError,
     NotImplementedError,
     OSError,
@@ -201,6 +201,11 @@ def _refuse_unsafe(info: zipfile.ZipInfo) -> None:
         raise InputError(
             f"a path in the archive is longer than {MOST_PATH_BYTES} bytes or {MOST_PARTS} names: shorten it",
             code="archive_unsafe",
+        )
+    if info.compress_type not in METHODS:
+        raise InputError(
+            f"{info.filename} in the archive is packed in a way that is not taken: store or deflate it, as `zip` does",
+            code="archive_method",
         )
     if info.flag_bits & 0x1:
         raise InputError("the archive is encrypted: send it without a password", code="archive_encrypted")

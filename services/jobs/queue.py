@@ -45,7 +45,9 @@ def enqueue(
 
 def request_cancel(session: Session, job: Job) -> None:
     """Cancel a waiting job at once, a running one as soon as its worker looks; a finished one stays as it is."""
-    # Conditional on the status in the database: a worker may take the job between our reading and our writing.
+    # Conditional on the status in the database: a worker may take the job between our reading and our writing, and
+    # (on PostgreSQL, where the row is held) may give it back between the two writings.
+    session.execute(select(Job.number).where(Job.number == job.number).with_for_update())
     waiting = update(Job).where(Job.number == job.number, Job.status == JobStatus.QUEUED)
     session.execute(waiting.values(status=JobStatus.CANCELLED, finished_at=utc_now()))
     running = update(Job).where(Job.number == job.number, Job.status == JobStatus.RUNNING)

@@ -82,6 +82,7 @@ class JobWorker:
     def run(self) -> None:
         """Until ``stopping`` is set."""
         log.info("worker_started", worker=self.name, abandoned_folders=clear_abandoned())
+        self._spare_others()  # the database may just have come back, which is why this one is started
         try:
             while not self._stopping.is_set():
                 try:

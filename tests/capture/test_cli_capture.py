@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from capture.capture_set import CaptureSet
+from capture.picture import read_depth
 from renderer.depth_png import write_depth_png
 from services.cli.main import run
 from tests.capture.conftest import MakeSet
@@ -59,6 +61,42 @@ def test_register_draws_every_capture(make_set: MakeSet, tmp_path: Path, capsys:
     ]
     poses = json.loads((tmp_path / "out" / "poses.json").read_text())
     assert np.asarray(poses["captures"][1]["pose"]).shape == (4, 4)
+
+
+def test_register_takes_any_id_and_replaces_what_it_drew_before(
+    make_set: MakeSet, tmp_path: Path, capsys: Captured
+) -> None:
+    folder, out = make_set(), tmp_path / "out"
+    assert run(["capture", "register", str(folder), "--out", str(out), "--json"]) == 0
+    (out / "001-own.png").write_bytes(b"somebody's")
+    value = json.loads((folder / "captures.json").read_text())
+    value["captures"] = [{**value["captures"][0], "id": "poly $_$ blend"}]
+    (folder / "captures.json").write_text(json.dumps(value))
+    assert run(["capture", "register", str(folder), "--out", str(out)]) == 0
+    capsys.readouterr()
+    names = sorted(path.name for path in out.iterdir())
+    assert len(names) == 3 and names[1:] == ["001-own.png", "poses.json"] and "blend" in names[0]
+
+
+def test_check_sees_a_hole_as_large_as_sunlight_makes_it(make_set: MakeSet, capsys: Captured) -> None:
+    folder = make_set()
+    camera = CaptureSet.load(folder).captures[0].camera
+    path = CaptureSet.load(folder).captures[0].depth_path
+    depth = read_depth(path, camera)
+    rows, columns = (np.flatnonzero(outline(depth).any(axis=axis)) for axis in (1, 0))
+    depth[rows[0] + len(rows) // 4 :, columns[0] : columns[-1]] = 0.0
+    write_depth_png(path, depth, camera.depth_unit_m)
+    assert run(["capture", "check", str(folder), "--json"]) == 0
+    hung = document(capsys)["captures"][0]
+    assert hung["holes"] > 0.4 and any("has no data: shade strong lights" in said for said in hung["warnings"])
+
+
+def outline(depth: np.ndarray[tuple[int, int], np.dtype[np.float32]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """About where the sample is: the middle half of the picture."""
+    inside = np.zeros(depth.shape, dtype=np.bool_)
+    height, width = depth.shape
+    inside[height // 4 : -height // 4, width // 4 : -width // 4] = True
+    return inside
 
 
 def test_a_folder_of_frames_is_imported(hanging: Sheet, tmp_path: Path, capsys: Captured) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from capture.addition import LOCK_FILE, NewCapture
 from capture.capture_set import CaptureSet
 from capture.realsense import RealSenseSource, camera_from_intrinsics, import_realsense
-from capture.record import record_capture, temporal_median
+from capture.record import moving, record_capture, temporal_median
 from capture.sources import DepthSource, Frame, PngFolderSource, load_camera
 from renderer.camera import Camera
 from renderer.depth_png import quantise_depth, write_depth_png
@@ -118,6 +118,22 @@ def test_the_median_is_a_value_that_was_seen(stack: NDArray[np.uint16]) -> None:
                 assert median[row, column] == seen[(len(seen) - 1) // 2]
 
 
+def test_frames_of_several_scenes_are_told(hanging: Sheet) -> None:
+    """Noise, flying pixels in single frames and pixels without data are those of one."""
+    clean = hanging.depth(CAMERA, turned_pose((0.0, 4.0, 0.0)))
+    rng = np.random.default_rng(3)
+    still = []
+    for number in range(20):
+        frame = np.round(with_noise(clean, 0.003, 0.2, seed=number) / CAMERA.depth_unit_m).astype(np.uint16)
+        frame[rng.random(frame.shape) < 0.02] = 5000
+        still.append(frame)
+    assert moving(still, CAMERA.depth_unit_m) == moving(still[:1], CAMERA.depth_unit_m) == []
+    assert moving([np.zeros_like(still[0])] * 3, CAMERA.depth_unit_m) == []
+    swung = [np.roll(frame, 12 * number, axis=1) for number, frame in enumerate(still[:5])]
+    (note,) = moving(swung, CAMERA.depth_unit_m)
+    assert note.startswith("the frames differ by more than") and "the cloth swung" in note
+
+
 def test_the_median_needs_frames_of_one_size() -> None:
     with pytest.raises(InputError) as caught:
         temporal_median([])
@@ -151,10 +167,11 @@ def test_a_camera_is_read_from_json(tmp_path: Path) -> None:
     assert load_camera(path) == CAMERA
     path.write_text(json.dumps({"camera": camera_document()}))
     assert load_camera(path) == CAMERA
-    path.write_text(json.dumps({"width": 3}))
-    with pytest.raises(InputError) as caught:
-        load_camera(path)
-    assert caught.value.code == "capture_set_invalid"
+    for no_camera, told in (({"width": 3}, "is missing"), ({"camera": None}, "a camera is an object with width,")):
+        path.write_text(json.dumps(no_camera))
+        with pytest.raises(InputError, match=told) as caught:
+            load_camera(path)
+        assert caught.value.code == "capture_set_invalid"
 
 
 def intrinsics(model: str, coeffs: list[float]) -> SimpleNamespace:

@@ -155,6 +155,17 @@ def test_unusable_fabrics_are_refused(library: httpx.Client, change: dict[str, A
 
 
 @pytest.mark.timeout(400)
+def test_a_search_sent_again_is_answered_when_its_fabric_is_gone(client: httpx.Client) -> None:
+    fabric = client.post("/v1/fabrics", json={"name": "gone", "parameters": STIFF}).json()["id"]
+    headers, body = {"Idempotency-Key": uuid.uuid4().hex}, {"fabric_id": fabric, **QUICK}
+    first = client.post("/v1/fabrics/search", json=body, headers=headers)
+    client.delete(first.headers["location"])
+    assert client.delete(f"/v1/fabrics/{fabric}").status_code == 204
+    again = client.post("/v1/fabrics/search", json=body, headers=headers)
+    assert (again.status_code, again.headers["location"]) == (202, first.headers["location"])
+    assert client.post("/v1/fabrics/search", json=body).status_code == 404
+
+
 def test_search_ranks_the_library_by_drape(client: httpx.Client) -> None:
     """On the tests' common server, whose worker has compiled already; others take back what they add."""
     answer = client.post("/v1/fabrics/search", json={"reference": STIFF, **QUICK})

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import zipfile
 from typing import Any
 
 import httpx
 import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
+from starlette.exceptions import HTTPException
 
+from services.api.problems import install_problem_handlers
 from tests.services.served import QUICK, SOFT, STIFF
 
 Request = tuple[str, str, dict[str, Any]]
@@ -151,6 +156,24 @@ def test_other_keys_beside_the_seven_are_passed_over(client: httpx.Client) -> No
 def test_validation_problems_name_the_field(client: httpx.Client) -> None:
     answer = client.post("/v1/drape-distances", json={**COMPARE, "b": {**SOFT, "bending_warp": "soft"}})
     assert problem(answer)["errors"][0]["pointer"] == "body/b/bending_warp"
+
+
+def test_of_many_wrong_fields_some_are_told_and_all_counted(client: httpx.Client) -> None:
+    answer = client.post("/v1/drape-distances", json={**COMPARE, **{f"x{n}": 0 for n in range(150)}})
+    assert len(problem(answer)["errors"]) == 100 and "(and 149 more)" in problem(answer)["detail"]
+
+
+def test_a_full_disk_is_no_fault_of_who_sent_the_upload() -> None:
+    """As the framework hands on what fails while a form is read."""
+    app = FastAPI()
+    install_problem_handlers(app)
+
+    @app.get("/")
+    def read() -> None:
+        raise HTTPException(400, "There was an error parsing the body") from OSError(errno.ENOSPC, "No space left")
+
+    answer = TestClient(app).get("/")
+    assert (answer.status_code, answer.json()["code"], answer.headers["retry-after"]) == (503, "no_room", "60")
 
 
 DRAFT = {"format": "drapemeter-simulator/1", "effects": [{"name": "air_draft", "size": {"magnitude": "0.3"}}]}

@@ -90,9 +90,10 @@ def test_an_address_from_the_environment_is_said_to_be(monkeypatch: pytest.Monke
     """Nothing listens at port 9."""
     for variable, option, told in (
         ("127.0.0.1:9", None, r"at 127\.0\.0\.1:9 \(RAY_ADDRESS\) \(.*\); start one, or unset RAY_ADDRESS$"),
+        (None, "head:99999", r"at head:99999 \(Port out of range 0-65535\); start one, or leave --address out$"),
         ("head:6379", "127.0.0.1:9", r"at 127\.0\.0\.1:9 \(.*\); start one, or leave --address out$"),
     ):
-        monkeypatch.setenv("RAY_ADDRESS", variable)
+        monkeypatch.setenv("RAY_ADDRESS", variable or "")
         with pytest.raises(InputError, match=told) as caught, cluster.ray_cluster(option, None):
             raise AssertionError("the work began")
         assert caught.value.code == "cluster_missing"

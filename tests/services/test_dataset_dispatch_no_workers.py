@@ -90,6 +90,24 @@ def test_a_sweep_without_workers_ends_with_one_line(
     assert not list(tmp_path.iterdir())
 
 
+def test_workers_that_die_before_they_start_are_counted_one_after_the_other(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """In a long sweep some do, a machine's worth at once."""
+    ray = StandInRay(free=True, born=False)
+    monkeypatch.setitem(sys.modules, "ray", ray)
+    many = 2 * MAX_STILLBORN
+    driver = Dispatcher(str(tmp_path), *small_sweep(), DispatchOptions(workers=many), worker_class=ObedientWorker)
+    for lost in range(3 * many):
+        ray.born = lost % many == 0
+        driver._starting["ready"] = dispatch._Slot(None)
+        driver._came_up("ready")
+    with pytest.raises(StoreError, match="workers die before they start"):
+        for _ in range(3):
+            driver._starting["ready"] = dispatch._Slot(None)
+            driver._came_up("ready")
+
+
 @pytest.mark.parametrize("short", [MAX_SHORT - 1, MAX_SHORT])
 def test_a_shard_that_lacks_memory_is_done_again_and_not_for_ever(
     short: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

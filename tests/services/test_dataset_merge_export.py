@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from diagnosis.extension import AppliedEffect
+from renderer.camera import CANONICAL_CAMERA
 from renderer.store import RowStatus, Store, StoreWriter
 from services.dataset.cost import estimate_cost
-from services.dataset.export import export_store
+from services.dataset.export import _sweeps, _view, export_store
 from services.dataset.merge import merge_stores
 from services.dataset.sweep import prepare_store
 from services.dataset.validation import validate_store
@@ -112,6 +114,23 @@ def test_a_merge_of_merges_is_drawn(stores: list[Store], tmp_path: Path) -> None
     twice = merge_stores([once, stores[0]], str(tmp_path / "twice.zarr"))
     assert export_store(twice, tmp_path / "out", shaded=True, limit=1) == 1
     assert len(list((tmp_path / "out" / "shaded").iterdir())) == 1
+
+
+def test_the_order_of_stores_does_not_make_many_small_objects(tmp_path: Path) -> None:
+    sweeps = [small_sweep(materials=2, simulations_per_shard=1), small_sweep(materials=4, simulations_per_shard=4)]
+    pilot, large = (Store.open(made_up_store(tmp_path / f"{k}.zarr", *one)) for k, one in enumerate(sweeps))
+    for number, stores in enumerate(([pilot, large], [large, pilot])):
+        assert merge_stores(stores, str(tmp_path / f"both{number}.zarr")).layout.simulations_per_shard == 4
+
+
+def test_a_shaded_picture_is_of_the_camera_that_its_sweep_had() -> None:
+    """A longer focal length beside the usual one, in a merge of merges."""
+    longer = AppliedEffect(name="focal_scale", size={"magnitude": 0.03})
+    plain, _ = small_sweep(materials=3)
+    other = plain.model_copy(update={"simulator": (longer,)})
+    stored = {"merged": [plain.model_dump(mode="json"), {"merged": [other.model_dump(mode="json")]}]}
+    (usual, _), (changed, _) = (_view(sweep) for sweep in _sweeps(stored))
+    assert usual == CANONICAL_CAMERA and changed.fx == pytest.approx(1.03 * usual.fx)
 
 
 def test_export_writes_pictures_and_a_table_that_agree(stores: list[Store], tmp_path: Path) -> None:

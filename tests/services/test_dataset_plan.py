@@ -69,6 +69,14 @@ def test_a_material_is_the_same_in_any_sweep_of_the_seed() -> None:
     assert few.parameters([2]).dtype == np.float32
 
 
+def test_a_fabric_named_twice_is_looked_up_once() -> None:
+    """A shard names each several times, and stepping back in a Sobol sequence begins it anew."""
+    _, fabrics = plan_sweep(materials=6, jitters=1)
+    asked = [4, 4, 1, 5, 1]
+    found = fabrics.parameters(asked)
+    assert np.array_equal(found, np.concatenate([fabrics.parameters([number]) for number in asked]))
+
+
 @pytest.mark.parametrize("design", ["sobol", "random", "grid"])
 def test_designs_give_usable_fabrics(design: str) -> None:
     configuration, table = plan_sweep(materials=130, design=design, ranges={"density": (0.1, 0.3)})

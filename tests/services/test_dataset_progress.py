@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from renderer.store import RowStatus
+from renderer.store import RowStatus, StoreWriter
 from services.dataset import sweep
 from services.dataset.cost import CostEstimate
 from services.dataset.drive import Drive
@@ -18,6 +18,7 @@ from services.dataset.worker import SimulationDone
 from services.jobs.kinds import dataset
 from services.jobs.task import Resources, Task
 from tests.services.dataset_helpers import small_sweep
+from tests.services.dataset_rows import rows_of
 
 TOLD = (0, 1, 3, 0, 1, 2, 3)
 """By workers, the first of which was lost behind its second simulation."""
@@ -25,7 +26,7 @@ TOLD = (0, 1, 3, 0, 1, 2, 3)
 
 def word(simulation: int) -> SimulationDone:
     """A worker's."""
-    return SimulationDone(simulation, RowStatus.OK, 1, 1, 1, False)
+    return SimulationDone(simulation, RowStatus.OK, 1, "here", 1, 1, False)
 
 
 def test_simulations_that_are_done_again_are_heard_of_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,6 +37,9 @@ def test_simulations_that_are_done_again_are_heard_of_once(tmp_path: Path, monke
     def run(drive: Drive, listen: Callable[[SimulationDone], None]) -> None:
         for simulation in TOLD:
             listen(word(simulation))
+        writer = StoreWriter.open(drive.url)
+        for shard in drive.shards:
+            writer.write_shard(shard, rows_of(shard, drive.configuration, drive.fabrics))
 
     monkeypatch.setattr(sweep, "ray_cluster", cluster)
     monkeypatch.setattr(sweep, "is_ray_client", lambda: False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from services.dataset.shard import (
     simulate_and_render,
     simulate_shard,
 )
+from services.dataset.solving import ShardSolver
 from services.dataset.sweep import prepare_store
 from services.dataset.worker import ShardWorker
 from simcore.drape import Drape, DrapeStatus
@@ -26,6 +28,7 @@ from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.scenes import Setup
 from simcore.solver import Solver
 from tests.services.dataset_helpers import small_sweep, told, write_without_ray
+from tests.services.dataset_rows import made_up_store
 
 CONFIGURATION, FABRICS = small_sweep()
 FABRIC = FABRICS.parameters([0])[0]
@@ -64,6 +67,7 @@ def drape(status: DrapeStatus = DrapeStatus.STILL, reason: str = "", seconds: fl
         (SimulationError("no start"), RowStatus.REFUSED, "SimulationError: no start"),
         (ZeroDivisionError("x / 0"), RowStatus.CRASHED, "ZeroDivisionError: x / 0"),
         (np.linalg.LinAlgError("singular"), RowStatus.CRASHED, "LinAlgError: singular"),
+        (IndexError("beyond"), RowStatus.CRASHED, "IndexError: beyond"),
     ],
 )
 def test_every_ending_has_its_status_and_reason(result: Drape | Exception, status: RowStatus, reason: str) -> None:
@@ -82,6 +86,39 @@ def test_a_lack_of_memory_leaves_the_shard_undone(lack: Exception, tmp_path: Pat
     with pytest.raises(OutOfMemoryError, match=r"out of memory.*(2601|2 GiB)"):
         list(worker.run(ShardTask(0, FABRICS.parameters([0, 0, 1]), {})))
     assert not Store.open(tmp_path / "s.zarr").complete.any()
+
+
+def test_a_shard_that_is_stored_is_passed_over(tmp_path: Path) -> None:
+    """By another driver of the store, or by one whose machine was lost; what it says of them is as stored."""
+    configuration, fabrics = small_sweep(materials=2)
+    store = made_up_store(tmp_path / "s.zarr", configuration, fabrics)
+    before = Store.open(store).checksums
+    worker = ShardWorker(str(store), configuration)
+    worker._writer, worker._solver = StoreWriter.open(store), StubSolver(AssertionError("simulated"))
+    words = told(worker, ShardTask(1, fabrics.parameters([1]), {}))
+    assert [(word.simulation, word.status, word.stored) for word in words] == [(3, RowStatus.TIMED_OUT, True)]
+    assert np.array_equal(Store.open(store).checksums, before)
+
+
+def test_a_batch_that_fails_is_solved_one_by_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """One simulation of it may be the cause, and says so itself."""
+    configuration, fabrics = small_sweep(materials=2)
+    prepare_store(str(tmp_path / "s.zarr"), configuration, resume=False)
+
+    class Batch(ShardSolver):
+        def __init__(self) -> None:
+            """Without one."""
+
+        def ahead(self, *given: object) -> None:
+            raise RuntimeError("singular")
+
+        def solve(self, *given: object, **named: object) -> Drape:  # type: ignore[override]
+            return drape()
+
+    worker = ShardWorker(str(tmp_path / "s.zarr"), configuration)
+    worker._writer, worker._solver = StoreWriter.open(tmp_path / "s.zarr"), Batch()
+    words = told(worker, ShardTask(0, fabrics.parameters([0, 0, 1]), {}))
+    assert [word.status for word in words] == [RowStatus.OK] * 3
 
 
 def test_values_at_the_limits_are_within_them_in_single_precision() -> None:
@@ -118,6 +155,7 @@ def test_a_shard_alone_and_again_gives_the_same_bits_and_simulate_makes_its_drap
     write_without_ray(tmp_path / "b.zarr", configuration, fabrics)
     store = Store.open(tmp_path / "a.zarr")
     before = Store.open(tmp_path / "b.zarr").checksums
+    shutil.rmtree(tmp_path / "b.zarr" / "checksum" / "c")  # the marks
     worker = ShardWorker(str(tmp_path / "b.zarr"), configuration)
     list(worker.run(ShardTask(1, fabrics.parameters([1]), {})))
     list(worker.run(ShardTask(0, fabrics.parameters([0, 0, 1]), {})))

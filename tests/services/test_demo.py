@@ -53,6 +53,13 @@ def test_an_earlier_demonstration_is_replaced_and_other_folders_are_not(tmp_path
     assert [path.name for path in out.iterdir()] == [MARKER]
 
     (tmp_path / "link").symlink_to(out)
+    others = tmp_path / "others"
+    others.mkdir()
+    for content in ('{"name": "my own settings"}', "{}", "no JSON"):
+        (others / MARKER).write_text(content, encoding="utf-8")
+        with pytest.raises(InputError, match="holds no earlier demonstration"):
+            prepare_folder(others)
+        assert (others / MARKER).read_text(encoding="utf-8") == content
     (out / "report").mkdir()
     prepare_folder(tmp_path / "link")
     assert (tmp_path / "link").is_symlink() and [path.name for path in out.iterdir()] == [MARKER]

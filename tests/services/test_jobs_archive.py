@@ -168,6 +168,15 @@ def test_names_that_no_folder_can_hold_are_refused_before_a_job_is_made(entries:
         assert caught.value.code == "archive_unsafe"
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_what_unpacks_all_at_once_is_refused_before_it_is_opened(method: int, tmp_path: Path) -> None:
+    """40 bytes of bzip2 are 46 MB of zeros, and are unpacked in one go."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as writer:
+        writer.writestr("captures.json", bytes(50_000))
+    assert code_of(stream.getvalue(), tmp_path) == "archive_method"
+
+
 def test_the_beginning_of_a_file_is_read_without_the_rest() -> None:
     content = archive([("set/captures.json", b"{}"), ("set/a.png", b"abcdef"), ("set/b.png", b"x")])
     assert beginnings(content, LIMITS, ["a.png"], 3) == {"a.png": b"abc"}

@@ -210,6 +210,23 @@ def test_a_job_outlives_a_database_that_is_away_for_longer_than_its_lease(
     assert runner.left <= 0  # it was never begun again
 
 
+def test_a_worker_that_starts_takes_no_job_from_the_living(database: Database) -> None:
+    """It may be started because the database is back, before those who live have renewed their leases."""
+    add(database)
+    queue = JobQueue(database, lease_s=0.1, max_attempts=3)
+    claim = queue.claim("alive")
+    assert claim is not None
+    time.sleep(0.3)
+    stopping = threading.Event()
+    worker = JobWorker(Settings(database=str(database.url), job_lease_s=5.0), database, Working(0), stopping)
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(worker.run)
+        time.sleep(1.0)
+        stopping.set()
+        running.result()
+    assert queue.renew(claim) is True
+
+
 @pytest.mark.parametrize("step_s", [3600.0, -3600.0])
 def test_no_job_is_taken_from_the_living_when_the_clock_is_set(
     database: Database, monkeypatch: pytest.MonkeyPatch, step_s: float

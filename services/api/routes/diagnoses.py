@@ -80,6 +80,10 @@ async def create_diagnosis(
     )
 
 
+PICTURES = 16
+"""A capture set may have as many pixels as so many of the largest pictures: all are held at once."""
+
+
 def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
     """Everything that can be known without decoding a picture."""
     limits = ArchiveLimits(settings.max_unpacked_bytes)
@@ -91,7 +95,14 @@ def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
         raise InputError(f"the archive lacks {missing[0]}, which {CAPTURES_FILE} names", code="depth_missing")
     heads = beginnings(content, limits, pictures, HEADER_BYTES)
     sizes = {name: check_png(head, name, settings.max_picture_pixels) for name, head in heads.items()}
-    for capture in CaptureSet(Path(), document).captures:
+    captures = CaptureSet(Path(), document).captures
+    pixels = sum(sizes[picture_name(c.document)].width * sizes[picture_name(c.document)].height for c in captures)
+    if pixels > (most := PICTURES * settings.max_picture_pixels):
+        raise InputError(
+            f"the captures have {pixels:.3g} pixels in all, more than {most:.3g}: send fewer, or smaller pictures",
+            code="archive_too_large",
+        )
+    for capture in captures:
         size = sizes[picture_name(capture.document)]
         check_size(capture.document.depth, size.width, size.height, capture.camera)
         try:

@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from services.api.auth import Caller, require
 from services.api.documented import accepted, problems
@@ -41,9 +42,10 @@ def create_fabric_search(
     Scope `fabrics:read`.
     """
     inputs.check()
-    if inputs.fabric_id is not None:
-        with state.database.read() as session:
-            known = session.scalar(select(Fabric.id).where(Fabric.id == inputs.fabric_id))
-        if known is None:
+
+    def check(session: Session) -> None:
+        wanted = inputs.fabric_id
+        if wanted is not None and session.scalar(select(Fabric.id).where(Fabric.id == wanted)) is None:
             raise ProblemError(404, "fabric_not_found", "there is no such fabric to look for")
-    return submit_job(state, caller, idempotency_key, "fabric_search", inputs)
+
+    return submit_job(state, caller, idempotency_key, "fabric_search", inputs, check=check)
