@@ -106,7 +106,8 @@ class ShardWorker:
             stored = len(parts) == len(numbers)
             if stored:
                 yield ShardSolved(task.shard)  # a store that makes it wait is no simulation's fault
-                writer.write_shard(task.shard, ShardRows.concatenate(parts))
+                if writer.status(task.shard) is None:  # another driver may have been quicker, with the same bits
+                    writer.write_shard(task.shard, ShardRows.concatenate(parts))
             yield self._word(number, status, stored=stored)
 
     def _word(self, number: int, status: RowStatus, *, stored: bool) -> SimulationDone:

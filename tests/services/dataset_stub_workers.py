@@ -37,7 +37,7 @@ class ObedientWorker:
             self.solves += 1
             if number == numbers[-1]:
                 (self.folder / f"{task.shard}").write_text(" ".join(s.label for s in statuses))
-            yield SimulationDone(number, status, self.solves, os.getpid(), 0, number == numbers[-1])
+            yield SimulationDone(number, status, self.solves, "here", os.getpid(), 0, number == numbers[-1])
 
     def simulate(self, number: int) -> None:
         """Nothing to do."""
