@@ -172,7 +172,7 @@ class TalkingWorker:
         """One word a simulation."""
         numbers = self.layout.shard_simulations(task.shard)
         for number in numbers:
-            yield SimulationDone(number, RowStatus.OK, number, os.getpid(), 0, number == numbers[-1])
+            yield SimulationDone(number, RowStatus.OK, number, "here", os.getpid(), 0, number == numbers[-1])
 
 
 def driver_words_per_cpu_s() -> float:

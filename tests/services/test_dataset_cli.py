@@ -126,7 +126,7 @@ def test_a_log_gets_a_line_now_and_then(capsys: pytest.CaptureFixture[str], monk
     watch = Watch(ProgressBar())
     watch.begin(CostEstimate(4, 8, 0.1, 0.05, 0.001, 2))
     for number, status in enumerate([RowStatus.OK, RowStatus.TIMED_OUT]):
-        watch.hear(SimulationDone(number, status, number, 1, 1, False))
+        watch.hear(SimulationDone(number, status, number, "here", 1, 1, False))
     lines = capsys.readouterr().err.splitlines()
     assert lines[0].startswith("4 simulations, 8 pictures: about 0.1 core hours")
     assert lines[-1] == "2 of 4 simulations, 1 failed, 0 min to go"
