@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from capture.outline import expected_outline
 from capture.picture import pixel_footprint_m
 from capture.prepare import PreparedCapture
 from capture.register import Registration
-from capture.segment import ClothRegion
+from capture.segment import ClothRegion, hole_share
 
 MAX_NOISE_M = 0.004
 MAX_HOLES = 0.4
-MOST_CLOTH = 1.3
+MAX_CLOTH_SHARE = 1.3
 MAX_PANEL_RMS_M = 0.006
 MAX_PANEL_OFFSET_M = 0.004
 MAX_PANEL_TURN_DEG = 0.4
@@ -88,16 +87,17 @@ def report_capture(prepared: PreparedCapture) -> CaptureReport:
     capture, region, pose = prepared.capture, prepared.region, prepared.registration.camera_from_panel
     sample = capture.setup.sample_size_m[0] * capture.setup.sample_size_m[1]
     pixel = pixel_footprint_m(np.where(region.mask, prepared.depth, np.float32(0.0)), capture.camera) ** 2
-    panel = _panel(prepared)
+    panel, holes = _panel(prepared), holes_of(prepared)
+    cloth_share = float(np.count_nonzero(region.mask)) * pixel / sample
     return CaptureReport(
         id=capture.id,
         fabric=capture.fabric.id,
         scene=capture.scene.value,
         repeat=capture.repeat,
         cloth_pixels=int(np.count_nonzero(region.mask)),
-        cloth_share=_cloth_share(prepared),
+        cloth_share=cloth_share,
         standing_share=float(np.count_nonzero(region.standing)) * pixel / sample,
-        holes=holes_of(prepared),
+        holes=holes,
         noise_m=region.noise_m,
         panel=panel,
         pose=pose.tolist(),
@@ -108,7 +108,7 @@ def report_capture(prepared: PreparedCapture) -> CaptureReport:
         assumed=(*prepared.registration.assumed, *prepared.registration.unusual),
         length_scale=prepared.network_input.length_scale,
         known_share=float(prepared.network_input.mask.mean()),
-        warnings=tuple(_warnings(prepared, panel)),
+        warnings=tuple(_warnings(prepared, panel, holes, cloth_share)),
     )
 
 
@@ -125,12 +125,12 @@ def _panel(prepared: PreparedCapture) -> PanelReport | None:
     )
 
 
-def _warnings(prepared: PreparedCapture, panel: PanelReport | None) -> list[str]:
+def _warnings(prepared: PreparedCapture, panel: PanelReport | None, holes: float, cloth_share: float) -> list[str]:
     capture, region, registration = prepared.capture, prepared.region, prepared.registration
     found = []
     if region.noise_m > MAX_NOISE_M:
         found.append(f"noise of {1e3 * region.noise_m:.1f} mm: come closer, or record more frames for the median")
-    if (holes := holes_of(prepared)) > MAX_HOLES:
+    if holes > MAX_HOLES:
         found.append(f"{100 * holes:.0f} % of the cloth has no data: shade strong lights, record more frames")
     if capture.setup.panel and panel is None:
         found.append("no panel is seen: set panel to false if there is none")
@@ -148,9 +148,10 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None) -> list[str]
             "picture or give the pose"
         )
     found += at_border(region)
-    if (share := _cloth_share(prepared)) > MOST_CLOTH:
+    if cloth_share > MAX_CLOTH_SHARE:
         found.append(
-            f"what is taken for cloth is {share:.1f} times the sample: check panel, sample_size_m and depth_unit_m"
+            f"what is taken for cloth is {cloth_share:.1f} times the sample: check panel, sample_size_m and "
+            "depth_unit_m"
         )
     return found
 
@@ -160,20 +161,11 @@ def holes_of(prepared: PreparedCapture) -> float:
 
     Small holes lie in what is seen; one that sunlight makes may take half the cloth, and only the pose tells of it.
     """
-    capture, seen = prepared.capture, prepared.region.mask
+    capture = prepared.capture
     if not capture.setup.panel:
         return prepared.region.holes
     expected = expected_outline(capture.camera, prepared.registration.camera_from_panel, capture.setup)
-    where = ndimage.binary_closing(seen, iterations=2) | seen | expected
-    return float(np.mean(prepared.depth[where] == 0.0)) if where.any() else 0.0
-
-
-def _cloth_share(prepared: PreparedCapture) -> float:
-    """Area of the cloth's mask over the sample's."""
-    capture, mask = prepared.capture, prepared.region.mask
-    pixel = pixel_footprint_m(np.where(mask, prepared.depth, np.float32(0.0)), capture.camera) ** 2
-    width, height = capture.setup.sample_size_m
-    return float(np.count_nonzero(mask)) * pixel / (width * height)
+    return hole_share(prepared.depth, prepared.region.mask, expected)
 
 
 def pins_far(registration: Registration) -> list[str]:

@@ -78,9 +78,21 @@ def segment_cloth(
     mask = standing
     if pose is not None and plane is not None:
         mask = standing | (expected_outline(camera, pose, setup) & (depth > 0.0))
-    closed = ndimage.binary_closing(mask, iterations=2) | mask
-    holes = float(np.mean(depth[closed] == 0.0)) if closed.any() else 0.0
-    return ClothRegion(mask, standing, plane, noise, holes)
+    return ClothRegion(mask, standing, plane, noise, hole_share(depth, mask))
+
+
+def hole_share(depth: Depth, cloth: NDArray[np.bool_], expected: NDArray[np.bool_] | None = None) -> float:
+    """Share without data of the pixels of the cloth, gaps of a few pixels closed, and of where it is expected.
+
+    Args:
+        depth: z-depth [m], float32 [H, W], 0 = no data.
+        cloth: where it is seen, bool [H, W].
+        expected: where it should be, bool [H, W]; None where that is not known.
+    """
+    where = ndimage.binary_closing(cloth, iterations=2) | cloth
+    if expected is not None:
+        where |= expected
+    return float(np.mean(depth[where] == 0.0)) if where.any() else 0.0
 
 
 def noise_m(depth: Depth) -> float:

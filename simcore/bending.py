@@ -71,3 +71,14 @@ class PlateRigidity:
         return PlateRigidity(
             weft, warp, self.coupling + shared, self.twist + shared, self.bias_raised, weft_twist, warp_twist
         )
+
+
+def raised_bias(fabric: FabricParameters) -> str | None:
+    """In words, that a fabric is simulated with a larger ``bending_bias`` than stated; None where it is not."""
+    plate = PlateRigidity.of(fabric)
+    if not plate.bias_raised:
+        return None
+    return (
+        f"no plate with its bending_warp and bending_weft has a bending_bias of {fabric.bending_bias:.3g} N·m; "
+        f"simulated with {plate.bias:.3g} N·m, the least there is"
+    )

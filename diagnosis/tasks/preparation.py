@@ -24,7 +24,7 @@ from diagnosis.tasks.meshing import MOST_CHANGED, cell_size
 from diagnosis.tasks.put_up import as_simulated, check_set_ups, in_order
 from diagnosis.tasks.sensors import sensor_model, sensors_passed_over, usual_distance
 from renderer.depth import panel_depth
-from simcore.bending import PlateRigidity
+from simcore.bending import raised_bias
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
 from simcore.scenes import Scene
@@ -262,12 +262,8 @@ def stated_parameters(
         given = fabric.parameters.model_dump()
         cv = STATED_SIGMA if fabric.parameters_cv is None else usable("parameters_cv", fabric.parameters_cv)
         stated = FabricParameters.from_mapping({**given, "density": density})
-        plate = PlateRigidity.of(stated)
-        if plate.bias_raised:
-            assumed.append(
-                f"fabric {fabric.id}: no plate with its bending_warp and bending_weft has a bending_bias of "
-                f"{stated.bending_bias:.3g} N·m; simulated with {plate.bias:.3g} N·m, the least there is"
-            )
+        if (raised := raised_bias(stated)) is not None:
+            assumed.append(f"fabric {fabric.id}: {raised}")
         return stated, relative_sigma(cv, density_cv, cv)
     found = _estimator().estimate_named(fabric.id, inputs_by_fabric(prepared)[fabric.id], density)
     spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]

@@ -106,16 +106,17 @@ def register_set(
     found = CaptureSet.load(capture_set)
     prepared_captures = list(prepare_all(found.captures))  # all are found before anything is written
     make_folder(out, "give another folder for the pictures")
-    for picture in _earlier_pictures(out):
-        picture.unlink(missing_ok=True)
-    reports = []
+    earlier, drawn, reports = _earlier_pictures(out), [], []
     with console.progress("drawing", len(prepared_captures)) as bar:
         for number, prepared in enumerate(prepared_captures):
-            draw_registration(prepared, out / _picture_name(number, prepared.capture.id))
+            drawn.append(out / _picture_name(number, prepared.capture.id))
+            draw_registration(prepared, drawn[-1])
             reports.append(report_capture(prepared))
             bar.advance()
     poses = {"captures": to_plain(reports)}
     write_atomically(out / "poses.json", (json.dumps(poses, indent=1) + "\n").encode())
+    for picture in set(earlier) - set(drawn):
+        picture.unlink(missing_ok=True)
     if json_output:
         console.emit_json({"out": out, **poses})
         return

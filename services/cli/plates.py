@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from services import console
-from simcore.bending import PlateRigidity
+from simcore.bending import raised_bias
 from simcore.parameters import FabricParameters
 
 MOST_NAMED = 5
@@ -18,11 +18,8 @@ def note_raised_bias(fabrics: Iterable[tuple[str, FabricParameters]]) -> None:
     Args:
         fabrics: name and parameters of each.
     """
-    raised = [(name, fabric) for name, fabric in fabrics if PlateRigidity.of(fabric).bias_raised]
-    for name, fabric in raised[:MOST_NAMED]:
-        console.note(
-            f"{name}: no plate with its bending_warp and bending_weft has a bending_bias of {fabric.bending_bias:.3g} "
-            f"N·m; simulated with {PlateRigidity.of(fabric).bias:.3g} N·m, the least there is"
-        )
+    raised = [(name, said) for name, fabric in fabrics if (said := raised_bias(fabric)) is not None]
+    for name, said in raised[:MOST_NAMED]:
+        console.note(f"{name}: {said}")
     if len(raised) > MOST_NAMED:
         console.note(f"the same goes for {len(raised) - MOST_NAMED} more fabrics")

@@ -34,6 +34,10 @@ _STATUS = {
 }
 
 
+MACHINE = (OutOfMemoryError, MemoryError, OSError, ImportError)
+"""Of the machine or its installation, not of a simulation: as rows they would fill a store that is never mended."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How one simulation ended.
@@ -107,7 +111,7 @@ def simulate_shard(
     """Rows of each simulation of a shard in turn, with its status.
 
     Raises:
-        OutOfMemoryError, MemoryError: memory is short.
+        OutOfMemoryError, MemoryError, OSError, ImportError: see :func:`simulate_and_render`.
     """
     layout = configuration.layout
     for number, fabric in zip(layout.shard_simulations(task.shard), task.parameters, strict=True):
@@ -128,7 +132,7 @@ def simulate_and_render(
     """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised.
 
     Raises:
-        OutOfMemoryError, MemoryError: memory is short, which says nothing of the simulation.
+        OutOfMemoryError, MemoryError, OSError, ImportError: the machine's fault, which says nothing of the simulation.
     """
     nothing = _no_depth(configuration)
     try:
@@ -141,7 +145,7 @@ def simulate_and_render(
             mechanics=built.mechanics,
             time_limit_s=configuration.time_limit_s,
         )
-    except (OutOfMemoryError, MemoryError):
+    except MACHINE:
         raise
     except Exception as error:  # noqa: BLE001  whatever one simulation fails of, the others go on
         refused = isinstance(error, DrapemeterError)
@@ -156,9 +160,9 @@ def simulate_and_render(
         depth = render_pictures(drape, built, configuration)
         fault = picture_fault(depth)
         counts = quantise_depth(apply_sensor(depth, seed, built), DEPTH_UNIT_M)
-    except (OutOfMemoryError, MemoryError):
+    except MACHINE:
         raise
-    except Exception as error:  # noqa: BLE001
+    except Exception as error:  # noqa: BLE001  as above
         return Outcome(RowStatus.BAD_RENDER, f"{type(error).__name__}: {error}", drape, nothing)
     if not counts.reshape(len(counts), -1).any(axis=1).all():
         fault = fault or "the sensor reads nothing"

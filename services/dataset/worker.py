@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import socket
 from collections.abc import Iterator
@@ -19,8 +18,6 @@ from simcore.errors import OutOfMemoryError
 
 if TYPE_CHECKING:
     from simcore.solver import Solver
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -99,7 +96,7 @@ class ShardWorker:
             return
         parts: list[ShardRows] = []
         if isinstance(solver, ShardSolver) and not task.one_by_one:
-            _solve_ahead(solver, task, self._configuration)
+            solver.ahead(shard_requests(task, self._configuration), self._configuration.time_limit_s)
         for number, (status, rows) in zip(numbers, simulate_shard(task, self._configuration, solver), strict=True):
             parts.append(rows)
             self._solves += 1
@@ -125,16 +122,6 @@ class ShardWorker:
             else:
                 self._solver = ShardSolver(mesh, kind, self._configuration.simulations_per_shard)
         return self._solver, self._writer
-
-
-def _solve_ahead(solver: ShardSolver, task: ShardTask, configuration: SweepConfiguration) -> None:
-    """Solve a shard's simulations together; where that fails each is solved by itself, and says why it cannot be."""
-    try:
-        solver.ahead(shard_requests(task, configuration), configuration.time_limit_s)
-    except (OutOfMemoryError, MemoryError):
-        raise
-    except Exception as error:  # noqa: BLE001  of one simulation, most likely: the others go on
-        _log.warning("shard %d is solved one by one: %s: %s", task.shard, type(error).__name__, error)
 
 
 def resident_bytes() -> int:

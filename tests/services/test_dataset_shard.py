@@ -19,7 +19,6 @@ from services.dataset.shard import (
     simulate_and_render,
     simulate_shard,
 )
-from services.dataset.solving import ShardSolver
 from services.dataset.sweep import prepare_store
 from services.dataset.worker import ShardWorker
 from simcore.drape import Drape, DrapeStatus
@@ -100,25 +99,11 @@ def test_a_shard_that_is_stored_is_passed_over(tmp_path: Path) -> None:
     assert np.array_equal(Store.open(store).checksums, before)
 
 
-def test_a_batch_that_fails_is_solved_one_by_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """One simulation of it may be the cause, and says so itself."""
-    configuration, fabrics = small_sweep(materials=2)
-    prepare_store(str(tmp_path / "s.zarr"), configuration, resume=False)
-
-    class Batch(ShardSolver):
-        def __init__(self) -> None:
-            """Without one."""
-
-        def ahead(self, *given: object) -> None:
-            raise RuntimeError("singular")
-
-        def solve(self, *given: object, **named: object) -> Drape:  # type: ignore[override]
-            return drape()
-
-    worker = ShardWorker(str(tmp_path / "s.zarr"), configuration)
-    worker._writer, worker._solver = StoreWriter.open(tmp_path / "s.zarr"), Batch()
-    words = told(worker, ShardTask(0, fabrics.parameters([0, 0, 1]), {}))
-    assert [word.status for word in words] == [RowStatus.OK] * 3
+@pytest.mark.parametrize("fault", [OSError(28, "No space left on device"), ImportError("no such library")])
+def test_what_the_machine_lacks_is_no_row(fault: Exception) -> None:
+    """Every simulation would be one."""
+    with pytest.raises(type(fault)):
+        simulate_and_render(FABRIC, "hanging", 1, CONFIGURATION, StubSolver(fault))
 
 
 def test_values_at_the_limits_are_within_them_in_single_precision() -> None:

@@ -29,6 +29,9 @@ from services.settings import Settings
 from simcore.checks import check_pins
 from simcore.errors import InputError
 
+LARGEST_PICTURES = 16
+"""A capture set may have as many pixels as so many of the largest pictures: all are held at once."""
+
 router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
 
 
@@ -80,10 +83,6 @@ async def create_diagnosis(
     )
 
 
-PICTURES = 16
-"""A capture set may have as many pixels as so many of the largest pictures: all are held at once."""
-
-
 def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
     """Everything that can be known without decoding a picture."""
     limits = ArchiveLimits(settings.max_unpacked_bytes)
@@ -97,7 +96,7 @@ def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
     sizes = {name: check_png(head, name, settings.max_picture_pixels) for name, head in heads.items()}
     captures = CaptureSet(Path(), document).captures
     pixels = sum(sizes[picture_name(c.document)].width * sizes[picture_name(c.document)].height for c in captures)
-    if pixels > (most := PICTURES * settings.max_picture_pixels):
+    if pixels > (most := LARGEST_PICTURES * settings.max_picture_pixels):
         raise InputError(
             f"the captures have {pixels:.3g} pixels in all, more than {most:.3g}: send fewer, or smaller pictures",
             code="archive_too_large",
