@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from diagnosis.effect import SCALAR
@@ -63,7 +65,8 @@ def _found(cause: Cause, name: str) -> FoundEffect:
         if name == cause.pair.second:
             interval = dict(cause.pair.evidence.interval_90)
         else:
-            interval = moved_along(interval, cause.evidence[name].size, size)
+            most = {key: component.most for key, component in effect.components.items()}
+            interval = moved_along(interval, cause.evidence[name].size, size, most)
     scalar = SCALAR in size
     return FoundEffect(
         name=name,
@@ -76,12 +79,18 @@ def _found(cause: Cause, name: str) -> FoundEffect:
 
 
 def moved_along(
-    interval: Mapping[str, tuple[float, float]], alone: Mapping[str, float], size: Mapping[str, float]
+    interval: Mapping[str, tuple[float, float]],
+    alone: Mapping[str, float],
+    size: Mapping[str, float],
+    most: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, tuple[float, float]]:
     """An interval of a size that turned out to be another: as wide as before, of one number of the same sign in
-    proportion.
+    proportion; without what is larger than there can be (``most``, by component).
     """
     if list(interval) == [SCALAR] and alone[SCALAR] * size[SCALAR] > 0.0:
         low, high = interval[SCALAR]
-        return {SCALAR: (low * size[SCALAR] / alone[SCALAR], high * size[SCALAR] / alone[SCALAR])}
-    return {k: (a + size[k] - alone[k], b + size[k] - alone[k]) for k, (a, b) in interval.items()}
+        moved = {SCALAR: (low * size[SCALAR] / alone[SCALAR], high * size[SCALAR] / alone[SCALAR])}
+    else:
+        moved = {k: (a + size[k] - alone[k], b + size[k] - alone[k]) for k, (a, b) in interval.items()}
+    limits = {key: most.get(key, math.inf) for key in moved}
+    return {k: (max(a, -limits[k]), min(b, limits[k])) for k, (a, b) in moved.items()}

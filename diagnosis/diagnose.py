@@ -324,9 +324,10 @@ class _Conclusion:
         cache = first.simulator.cache
         again = self.workers.map(partial(explain_fabric, cache=cache), [with_other_grip(r.task) for r in results])
         new = {r.task.id: FreshLook(Simulator(cache), r) for r in again}
-        said = (*assumed, held.sentence(stated))
+        other = again[0].task.captures[0].scene.setup.pin_radius_m
+        said = (*assumed, held.sentence(stated, other))
         found = self.of(again, new, said, began, lpips, spent=_cost(results, looks, Cost()))
-        return replace(found, pin_radius_m=again[0].task.captures[0].scene.setup.pin_radius_m)
+        return replace(found, pin_radius_m=other)
 
     def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
         """All explanations weighed, two effects together included, under the errors that the captures make likely."""

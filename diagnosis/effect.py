@@ -37,7 +37,6 @@ class Component:
     Attributes:
         low, high: range of its absolute value, in the effect's unit.
         signed: both signs occur.
-        unit: its unit where it is not the effect's own.
         most: the largest absolute value that there can be, as 1 of a share; fitted sizes may otherwise lie above
             ``high``.
     """
@@ -45,7 +44,6 @@ class Component:
     low: float
     high: float
     signed: bool = False
-    unit: str | None = None
     most: float = math.inf
 
     def __post_init__(self) -> None:
@@ -140,6 +138,7 @@ class Effect:
         vanishes_at_zero: a size of zero is no effect; otherwise the effect vanishes as the size grows.
         fine: coarse cells do not hold what it does (strains, a narrow strip), so it is simulated on fine ones.
         presses: sign of the sizes at which it presses the cloth to the panel everywhere; 0: at none.
+        share: its size, of unit 1, is a share of something and is told in per cent.
     """
 
     name: str
@@ -159,6 +158,7 @@ class Effect:
     vanishes_at_zero: bool = True
     fine: bool = False
     presses: int = 0
+    share: bool = False
     places: tuple[Mapping[str, float], ...] = (MappingProxyType({}),)
     odds: tuple[float, ...] = ()
     between: tuple[Between, ...] = ()
@@ -198,6 +198,8 @@ class Effect:
             )
         if self.presses not in (-1, 0, 1) or (self.presses and list(self.components) != [SCALAR]):
             yield f"presses={self.presses!r}: give 1 or -1 to an effect whose size is one number, 0 to any other"
+        if self.share and self.unit != "1":
+            yield f"share=True goes with unit 1, not {self.unit!r}"
         places: object = self.places
         if not isinstance(places, tuple) or not all(isinstance(place, Mapping) for place in places):
             yield "places: give a tuple of mappings from name to number, such as ({'width_m': 0.02}, {'width_m': 0.04})"

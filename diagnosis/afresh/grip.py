@@ -58,12 +58,17 @@ class Grip:
         in_others = len(squares) >= SEVERAL and squares[-2] < np.log(OTHER_GRIP_LEAVES)
         return bool(squares.mean() < np.log(OTHER_GRIP_LEAVES) and (in_all or in_others))
 
-    def sentence(self, stated_m: float) -> str:
-        """In words, for the report."""
+    def sentence(self, stated_m: float, other_m: float) -> str:
+        """In words, for the report.
+
+        Args:
+            stated_m: what magnets were said to hold round a corner [m].
+            other_m: what they were simulated to hold instead; 0: a point.
+        """
         way = (
             f"a point of the cloth, not {1e3 * stated_m:.3g} mm round it"
-            if stated_m > 0.0
-            else "a patch of the cloth, not a point"
+            if other_m == 0.0
+            else f"a patch of the cloth ({1e3 * other_m:.3g} mm round a corner), not a point"
         )
         fabrics = "every fabric" if (self.other <= self.stated).all() else "every fabric but one"
         before, after = (1e3 * float(np.exp(np.log(values).mean())) for values in (self.stated, self.other))

@@ -18,13 +18,13 @@ from diagnosis.effects import catalogue, get_effect
 from diagnosis.groups import group_of
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.synthesis import DIAGNOSABLE, SynthesisPlan, make_capture_set, real_fabric
+from diagnosis.synthesis import DIAGNOSABLE, MISSTATED_ATTEMPTS, SynthesisPlan, make_capture_set, real_fabric
 from renderer.atomic import write_atomically
-from simcore.errors import InputError
+from simcore.errors import InputError, SimulationError
 from simcore.mechanics import Jitter
 from simcore.mesh import GridMesh
 from simcore.parameters import ESTIMATED_NAMES, FabricParameters
-from simcore.prior import FabricPrior
+from simcore.prior import FabricPrior, is_admissible
 from simcore.scenes import Scene, Setup
 
 BLIND_FORMAT = "drape-blind-check/1"
@@ -185,9 +185,41 @@ def draw_label(number: int, plan: BlindPlan) -> Label:
         effect = get_effect(unknown[turn % len(unknown)])
         return Label(kind, ((effect, effect.draw(rng)),))
     if kind == "wrong_parameter":
-        factor = float(np.exp(rng.uniform(np.log(1.8), np.log(3.0)))) ** (1 if rng.random() < 0.5 else -1)
-        return Label(kind, wrong=(ESTIMATED_NAMES[int(rng.integers(len(ESTIMATED_NAMES)))], factor))
+        return Label(kind, wrong=_draw_wrong(rng))
     return Label("none")
+
+
+def _draw_wrong(rng: np.random.Generator) -> tuple[str, float]:
+    """A parameter, and the factor by which the cloth's is larger than what is stated."""
+    factor = float(np.exp(rng.uniform(np.log(1.8), np.log(3.0)))) ** (1 if rng.random() < 0.5 else -1)
+    return ESTIMATED_NAMES[int(rng.integers(len(ESTIMATED_NAMES)))], factor
+
+
+def simulable_wrong(
+    wrong: tuple[str, float], synthesis: SynthesisPlan, stated: tuple[int, FabricParameters], seed: Sequence[int]
+) -> tuple[str, float]:
+    """What is wrong in a case, drawn again until there is such a cloth: one whose bias bends too easily beside its warp
+    and weft is simulated stiffer than its label would say.
+
+    Args:
+        wrong: as drawn first.
+        synthesis: how the case is made.
+        stated: number and parameters of the fabric that has it.
+        seed: of further draws.
+
+    Raises:
+        SimulationError: none of many draws makes such a cloth.
+    """
+    rng, (number, fabric) = np.random.default_rng(seed), stated
+    for _ in range(MISSTATED_ATTEMPTS):
+        real = real_fabric(replace(synthesis, wrong=wrong), number, fabric, first=True)
+        if is_admissible(real.as_array()[None])[0]:
+            return wrong
+        wrong = _draw_wrong(rng)
+    raise SimulationError(
+        f"none of {MISSTATED_ATTEMPTS} fabrics with a parameter off by 1.8 to 3 is stable: choose another seed",
+        code="fabric_not_stable",
+    )
 
 
 def make_blind_check(
@@ -265,8 +297,11 @@ def _make_case(
         pin_radius_m=0.0,
         jitter=BLIND_JITTER,
         seed=1000 * plan.seed + group,
-        wrong=label.wrong,
     )
+    if label.wrong is not None:
+        first = next(iter(stated.items()))
+        label = replace(label, wrong=simulable_wrong(label.wrong, synthesis, first, [plan.seed, number, 81]))
+        synthesis = replace(synthesis, wrong=label.wrong)
     truth = {
         f"f{place + 1}": real_fabric(synthesis, k, fabric, first=place == 0).as_dict()
         for place, (k, fabric) in enumerate(stated.items())
@@ -277,7 +312,8 @@ def _make_case(
         more = replace(synthesis, scenes=(scene,), repeats=1, first_repeat=plan.repeats)
         folder = out / LABELS_FOLDER / name
         make_capture_set(folder, more, label.effects, fabrics=stated, name=name, cache=cache)
-        further = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(folder.glob("*.png"))}
+        files = [*sorted(folder.glob("*.png")), folder / CAPTURES_FILE]
+        further = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
     nonce = np.random.default_rng([plan.seed, number, 79]).bytes(16).hex()
     document = {**label.as_json(nonce), "parameters": truth, "further_captures_sha256": further}
     sealed = (json.dumps(document, indent=1) + "\n").encode()

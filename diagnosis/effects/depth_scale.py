@@ -20,4 +20,5 @@ EFFECT = Effect(
     hook="sensor.depth_scale",
     source="Baseline and focal length errors of triangulation.",
     change=change,
+    share=True,
 )

@@ -22,4 +22,5 @@ EFFECT = Effect(
     source="Confidence thresholds of depth cameras.",
     change=change,
     white=True,
+    share=True,
 )

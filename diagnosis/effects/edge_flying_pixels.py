@@ -22,4 +22,5 @@ EFFECT = Effect(
     source="Mixed pixels of depth cameras.",
     change=change,
     white=True,
+    share=True,
 )

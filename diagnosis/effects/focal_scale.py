@@ -24,4 +24,5 @@ EFFECT = Effect(
     hook="camera.fx, camera.fy",
     source="Spread of factory calibrations; drift with temperature.",
     change=change,
+    share=True,
 )

@@ -22,7 +22,8 @@ class Features:
 
     Attributes:
         shape: mean difference in each cell after the panel's plane was taken out [m], [cells + ring]; NaN: not seen.
-        plane: offset [m] and change across the sample [m] of the panel's difference, [3]; NaN without a panel.
+        plane: offset in the middle of the picture and change over half its width and height of the panel's difference
+            [m], [3]; NaN without a panel.
         pixels: see :data:`diagnosis.measurement.pixel_statistics.PIXEL_NAMES`; NaN where it cannot be measured.
         weight: pixels of each cell, [cells + ring].
     """

@@ -90,7 +90,7 @@ def make_reference(drape: Drape, scene: SimulationScene, *, least_pixels: int = 
     jump = np.fmax(np.abs(across), np.abs(down))
     edge = ndimage.binary_dilation(np.nan_to_num(jump) > 0.006, iterations=2)
     total = CELLS * CELLS + 4 * RING_CELLS
-    height = _height(seen.depth, scene, seen.cloth)
+    height = np.where(seen.cloth, np.nan_to_num(heights(seen.depth, scene)), 0.0)
     pixel = seen.depth / scene.camera.fx
     to_the_left, to_the_top = _differences(seen.depth)
     gradient = np.hypot(to_the_left, to_the_top / np.float32(oblong)) / np.maximum(pixel, 1e-6)
@@ -114,12 +114,11 @@ def _differences(depth: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDA
     return np.diff(depth, axis=1, prepend=depth[:, :1]), np.diff(depth, axis=0, prepend=depth[:1])
 
 
-def _height(depth: NDArray[np.float32], scene: SimulationScene, cloth: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Height of each pixel's point over z = 0 of the panel frame [m]; 0 off the cloth."""
+def heights(depth: NDArray[np.floating], scene: SimulationScene) -> NDArray[np.float64]:
+    """Height of each pixel's point over z = 0 of the panel frame [m], [H, W]; NaN where a picture [m] has no depth."""
     points = scene.camera.back_project(depth)
     pose = scene.camera_from_panel
-    height = (points - pose[:3, 3]) @ pose[:3, 2]
-    return np.where(cloth, np.nan_to_num(height), 0.0)
+    return np.asarray((points - pose[:3, 3]) @ pose[:3, 2])
 
 
 def _cell_mean(values: NDArray[np.floating], cell: NDArray[np.int32], total: int) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
@@ -40,7 +41,8 @@ KIND_CHECKS: Mapping[Kind, str] = MappingProxyType(
 )
 CORRECTED: Mapping[str, str] = MappingProxyType(
     {
-        "range_noise": "state it in the capture set (sensor.range_noise_m)",
+        "range_noise": "state it in the capture set (sensor.range_noise_m) together with what is stated there: "
+        "variances add",
         "quantisation": "state it in the capture set (sensor.quantisation_m)",
         "depth_bias": "take it off the depths of the pictures, or correct the stated distance of the camera",
         "depth_scale": "take it off the depths of the pictures, or correct the stated distance of the camera",
@@ -79,6 +81,7 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     else:
         named = [effect.name for effect in cause.effects] or [cause.top]
         lines += [line for name in named for line in _of_named(get_effect(name))]
+        lines += _noise_to_state(diagnosis)
     lines += separating(cause)
     if unstretched:
         some = "" if len(unstretched) == len(diagnosis.results) else f" of {', '.join(unstretched)}"
@@ -98,6 +101,19 @@ def _of_named(effect: Effect) -> list[str]:
         return [sure, f"To simulate with it, {simulate}."]
     correct = CORRECTED.get(effect.name, f"correct what is stated of {effect.stage.value} and pose")
     return [sure, f"Once it is sure, {correct}" + (f"; or {simulate}." if effect.name in MODELLED else ".")]
+
+
+def _noise_to_state(diagnosis: Diagnosis) -> list[str]:
+    """What to state of a sensor that was found noisier than stated: its noise and what was found, together."""
+    added = [effect.magnitude for effect in diagnosis.report.cause.effects if effect.name == "range_noise"]
+    stated = {(c.scene.sensor.range_noise_m, c.scene.sensor.at_m) for r in diagnosis.results for c in r.task.captures}
+    if len(added) != 1 or isinstance(added[0], dict) or len(stated) != 1:
+        return []
+    (noise_m, at_m), more_m = next(iter(stated)), added[0]
+    return [
+        f"Together that is sensor.range_noise_m {math.hypot(noise_m, more_m):.3g} with sensor.at_m {at_m:.3g}: "
+        f"{1e3 * noise_m:.3g} mm as stated, {1e3 * more_m:.3g} mm more as found."
+    ]
 
 
 def separating(cause: CauseReport) -> list[str]:

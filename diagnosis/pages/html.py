@@ -13,7 +13,7 @@ from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import get_effect
 from diagnosis.inference.block import Block
 from diagnosis.inference.cause import Cause
-from diagnosis.measurement.reference import CELLS
+from diagnosis.measurement.reference import CELLS, heights
 from diagnosis.pages.advice import advice
 from diagnosis.pages.sentence import sentence
 from diagnosis.pages.where_figure import SURE, png_text, where_picture
@@ -62,14 +62,15 @@ def render_html(diagnosis: Diagnosis, name: str) -> str:
 def size_text(effect: FoundEffect) -> str:
     """A size with its 90 % interval to three digits, lengths in millimetres and shares in per cent, and its place; a
     vector component by component."""
-    factor, unit = {"m": (1e3, "mm"), "1": (100.0, "%")}.get(effect.unit, (1.0, effect.unit))
+    plain = (100.0, " %") if get_effect(effect.name).share else (1.0, "")
+    factor, unit = {"m": (1e3, " mm"), "1": plain}.get(effect.unit, (1.0, f" {effect.unit}"))
     size, interval = effect.magnitude, effect.interval_90
     sizes = size if isinstance(size, dict) else {"": size}
     ends = interval if isinstance(interval, dict) else {"": interval}
     texts = []
     for name, value in sizes.items():
         low, high = (factor * end for end in ends[name])
-        texts.append(f"{name} {factor * value:.3g} {unit} (90 % interval {low:.3g} to {high:.3g})".strip())
+        texts.append(f"{name} {factor * value:.3g}{unit} (90 % interval {low:.3g} to {high:.3g})".strip())
     place = {} if get_effect(effect.name).random_repeats else effect.place
     return ", ".join([*texts, *(f"{name} {value:.3g}" for name, value in place.items())])
 
@@ -171,18 +172,19 @@ def _picture(
     window = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
     depth, simulated = task.depth[window].astype(float), found.reference.depth[window].astype(float)
     difference = 1e3 * np.where((depth > 0) & (simulated > 0), simulated - depth, np.nan)
-    far = float(np.max(simulated))
-    high = 1e3 * (far - float(np.min(simulated[simulated > 0])))
-    shown = [
-        (_height(depth, far), "capture, height [mm]"),
-        (_height(simulated, far), "simulation without effect [mm]"),
-    ]
+
+    def height(picture: NDArray[np.float32]) -> NDArray[np.float64]:
+        return 1e3 * heights(picture, task.scene)[window]
+
+    plain = height(found.reference.depth)
+    low, high = min(0.0, float(np.nanmin(plain))), float(np.nanmax(plain))
+    shown = [(height(task.depth), "capture, height [mm]"), (plain, "simulation without effect [mm]")]
     if after is not None:
-        shown.append((_height(after[window].astype(float), far), "simulation with what was found [mm]"))
+        shown.append((height(after), "simulation with what was found [mm]"))
     figure = Figure(figsize=(4.0 * (len(shown) + 1 + len(maps)), 4), layout="constrained")
     axes: Any = figure.subplots(1, len(shown) + 1 + len(maps))
     for axis, (values, title) in zip(axes, shown, strict=False):
-        drawn = axis.imshow(values, vmin=0, vmax=high, cmap="viridis")
+        drawn = axis.imshow(values, vmin=low, vmax=high, cmap="viridis")
         axis.set_title(title)
         figure.colorbar(drawn, ax=axis, shrink=0.8)
     most = max(2.0, float(np.nanquantile(np.abs(difference), 0.98)))
@@ -198,7 +200,3 @@ def _picture(
     for axis in axes:
         axis.set_axis_off()
     return png_text(figure)
-
-
-def _height(depth: NDArray[np.float64], far: float) -> NDArray[np.float64]:
-    return np.asarray(np.where(depth > 0, 1e3 * (far - depth), np.nan))

@@ -52,7 +52,11 @@ class Judge:
         side_by_side(work, [self.looks[fabric] for fabric in effects], self.workers)
 
     def response(self, block: Block, effects: Sequence[Sized]) -> Array:
-        """Change of a block's measurements by effects together [m], [n]; as known where that does not come to rest."""
+        """Change of a block's measurements by effects together [m], [n].
+
+        Where that does not come to rest, as known from responses, or, where these were not simulated, as far as it came
+        (nothing, where it diverged).
+        """
         shown = on_shapes(effects)
         if not shown:
             return np.zeros(len(block.owner))
@@ -63,7 +67,9 @@ class Judge:
         drapes = [look.drape(capture, shown) for capture in own]
         rest = np.array([d is c.base or d.drape.ok for d, c in zip(drapes, own, strict=True)])
         changes = np.stack([look.change(capture, shown) for capture in own])[block.owner, block.cell]
-        return changes if rest.all() else np.where(rest[block.owner], changes, block.metres(whitened(block, shown)))
+        if rest.all() or not {name for name, _ in shown} <= block.stated.responses.keys():
+            return changes
+        return np.where(rest[block.owner], changes, block.metres(whitened(block, shown)))
 
 
 def not_at_rest_with(held: Sequence[Held], looks: Mapping[str, FreshLook]) -> list[str]:

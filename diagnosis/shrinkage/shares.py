@@ -34,7 +34,8 @@ def means(values: Array) -> tuple[float, float, float]:
 def fraction_of(rows: Array, middle: Middle = root_mean_squares) -> float:
     """Share of the gap above the floor that goes away.
 
-    Not above 1: what is left may be less than the floor, which then counts as no more. -1 where nothing is above it.
+    Not above 1: what is left may be less than the floor, which then counts as no more. Where nothing is above it, 0, or
+    -1 if more is left than there was.
     """
     return _share(*middle(rows))
 

@@ -60,7 +60,7 @@ class StateLibrary:
         path = self.cache.folder / "states" / f"{self.name}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(f"{path}.lock"):  # another process may add one of its own
-            keys = self._keys()
+            keys = [key for key in self._keys() if self.cache.has(key)]  # of those gone since, nothing is learnt
             if state.key not in keys and len(keys) < MOST_STATES:
                 write_atomically(path, json.dumps([*keys, state.key]).encode())
 

@@ -283,8 +283,7 @@ def see_state(
     return SeenState(drape, scene, reference, responses, warp_responses(reference, scene.camera))
 
 
-def relative_sigma(parameters_cv: float | None, density_cv: float | None, fallback: float) -> tuple[float, ...]:
-    """Relative uncertainty of the seven parameters; ``fallback`` where none is stated."""
-    stretch = fallback if parameters_cv is None else parameters_cv
+def relative_sigma(parameters_cv: float, density_cv: float | None) -> tuple[float, ...]:
+    """Relative uncertainty of the seven parameters; the density's is usual where none is stated."""
     density = STATED_DENSITY_SIGMA if density_cv is None else density_cv
-    return (*[stretch] * 6, density)
+    return (*[parameters_cv] * 6, density)

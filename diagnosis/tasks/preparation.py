@@ -264,7 +264,7 @@ def stated_parameters(
         stated = FabricParameters.from_mapping({**given, "density": density})
         if (raised := raised_bias(stated)) is not None:
             assumed.append(f"fabric {fabric.id}: {raised}")
-        return stated, relative_sigma(cv, density_cv, cv)
+        return stated, relative_sigma(cv, density_cv)
     found = _estimator().estimate_named(fabric.id, inputs_by_fabric(prepared)[fabric.id], density)
     spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]
     if found.out_of_distribution:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from diagnosis.blind.make import (
     hidden_effects,
     is_sealed,
     make_blind_check,
+    simulable_wrong,
     visible_effects,
 )
 from diagnosis.blind.page import render_page
@@ -33,7 +35,10 @@ from diagnosis.blind.score import same, score
 from diagnosis.effects import catalogue
 from diagnosis.groups import group_of
 from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.synthesis import SynthesisPlan, real_fabric
 from simcore.errors import InputError, SimulationError
+from simcore.parameters import FabricParameters
+from simcore.prior import is_admissible
 
 PLAN = BlindPlan(1, 3, fabrics=1, repeats=1, pool=1, resolution_m=0.02, scenes=("stretch",))
 
@@ -290,3 +295,14 @@ def test_what_has_a_twin_in_the_catalogue_is_not_drawn_as_unknown() -> None:
     plan.check()
     labels = [draw_label(n, plan) for n in range(plan.cases)]
     assert {label.effects[0][0].name for label in labels if label.kind == "withheld"} == {"crease"}
+
+
+def test_a_wrong_parameter_that_no_cloth_can_have_is_drawn_again() -> None:
+    fabric = FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.0e-5, 0.2)
+    plan, seed = SynthesisPlan(), [1, 2, 81]
+    kept = simulable_wrong(("stretch_warp", 0.5), plan, (0, fabric), seed)
+    assert kept == ("stretch_warp", 0.5)
+    drawn = simulable_wrong(("bending_bias", 0.34), plan, (0, fabric), seed)
+    assert drawn != ("bending_bias", 0.34) and drawn == simulable_wrong(("bending_bias", 0.34), plan, (0, fabric), seed)
+    real = real_fabric(replace(plan, wrong=drawn), 0, fabric, first=True)
+    assert is_admissible(real.as_array()[None])[0]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation import drape_cache
 from diagnosis.simulation.drape_cache import DrapeCache, content_key, drape_key
-from diagnosis.simulation.state_library import StateLibrary
+from diagnosis.simulation.state_library import MOST_STATES, StateLibrary
 from simcore.errors import InputError
 from simcore.mechanics import CurvatureField, Mechanics, UniformCurvature
 from simcore.mesh import GridMesh
@@ -78,13 +78,31 @@ def test_a_users_class_is_told_apart_by_all_of_its_file(tmp_path: Path, monkeypa
 
 def test_states_that_several_processes_add_are_all_kept(tmp_path: Path) -> None:
     mesh, fabric = GridMesh(0.05), FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2)
-    library = StateLibrary.of(DrapeCache(tmp_path), mesh, fabric, SimulationScene(Setup.nominal("stretch")))
+    cache = DrapeCache(tmp_path)
+    for number in range(20):
+        cache.put_arrays(f"k{number}", {})
+    library = StateLibrary.of(cache, mesh, fabric, SimulationScene(Setup.nominal("stretch")))
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(lambda n: library.add(SimpleNamespace(key=f"k{n}")), range(20)))  # type: ignore[arg-type]
     assert set(library._keys()) == {f"k{n}" for n in range(20)}
     closed = replace(library, cache=DrapeCache(tmp_path, learns=False))
     closed.add(SimpleNamespace(key="of an opened label"))  # type: ignore[arg-type]
     assert set(closed._keys()) == {f"k{n}" for n in range(20)}
+
+
+def test_states_whose_drapes_were_deleted_leave_room_for_others(tmp_path: Path) -> None:
+    mesh, fabric = GridMesh(0.05), FabricParameters(1000, 800, 300, 1.5e-5, 1.5e-5, 1.5e-5, 0.2)
+    cache = DrapeCache(tmp_path)
+    library = StateLibrary.of(cache, mesh, fabric, SimulationScene(Setup.nominal("stretch")))
+    for number in range(MOST_STATES + 1):
+        cache.put_arrays(f"k{number}", {})
+        library.add(SimpleNamespace(key=f"k{number}"))  # type: ignore[arg-type]
+    assert len(library._keys()) == MOST_STATES  # full, while they are there
+    for path in tmp_path.rglob("k*.npz"):
+        path.unlink()
+    cache.put_arrays("new", {})
+    library.add(SimpleNamespace(key="new"))  # type: ignore[arg-type]
+    assert library._keys() == ["new"]
 
 
 def test_the_users_cache_keeps_what_was_used_last(tmp_path: Path) -> None:

@@ -62,7 +62,7 @@ def test_one_fabric_of_several_whose_folds_were_missed_does_not_decide_alone() -
     """As measured: four fabrics held at a point where 10 mm are stated."""
     stated = np.array([1.52e-3, 2.00e-3, 1.05e-3, 1.89e-3])
     grip = Grip(stated, np.array([0.71e-3, 3.16e-3, 0.50e-3, 0.74e-3]))
-    assert grip.otherwise and "nearer in every fabric but one" in grip.sentence(0.01)
+    assert grip.otherwise and "nearer in every fabric but one" in grip.sentence(0.01, 0.0)
     assert not Grip(stated, np.array([0.71e-3, 3.16e-3, 0.80e-3, 0.74e-3])).otherwise  # one of the others: hardly
     assert not Grip(stated, np.array([0.71e-3, 9.00e-3, 0.50e-3, 0.74e-3])).otherwise  # all together: hardly
     assert not Grip(stated, np.array([0.71e-3, 2.10e-3, 0.50e-3, 1.90e-3])).otherwise  # two are farther
@@ -70,9 +70,10 @@ def test_one_fabric_of_several_whose_folds_were_missed_does_not_decide_alone() -
 
 def test_it_says_which_way_the_magnets_hold() -> None:
     grip = Grip(np.array([2e-3, 2e-3]), np.array([1e-3, 1e-3]))
-    assert "a point of the cloth, not 10 mm round it" in grip.sentence(0.01)
-    assert "a patch of the cloth, not a point" in grip.sentence(0.0)
-    assert "2.00 to 1.00 mm" in grip.sentence(0.0)
+    assert "a point of the cloth, not 10 mm round it" in grip.sentence(0.01, 0.0)
+    assert "a patch of the cloth (10 mm round a corner), not a point" in grip.sentence(0.0, 0.01)
+    assert "a patch of the cloth (11 mm round a corner), not a point" in grip.sentence(0.005, 0.011)  # of one vertex
+    assert "2.00 to 1.00 mm" in grip.sentence(0.0, 0.01)
 
 
 def test_all_captures_of_a_fabric_are_held_the_other_way(points: Path) -> None:

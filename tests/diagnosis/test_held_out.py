@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,25 +17,39 @@ from tests.diagnosis.test_refutation import held
 TURNED = ("focal_scale", nodes(get_effect("focal_scale"))[0])
 
 
+class Look:
+    """Of one capture, whose change by any effects is 7 mm everywhere."""
+
+    result = SimpleNamespace(captures=[SimpleNamespace(id="a", base="the state without effects")])
+
+    def __init__(self, count: int, *, at_rest: bool) -> None:
+        self.shown = np.full(count, 0.007)
+        self.found = SimpleNamespace(drape=SimpleNamespace(ok=at_rest))
+
+    def drape(self, capture: Any, effects: Any) -> Any:
+        return self.found
+
+    def change(self, capture: Any, effects: Any) -> Any:
+        return self.shown
+
+
 @pytest.mark.parametrize("at_rest", [True, False])
 def test_what_does_not_come_to_rest_counts_as_known_without_a_simulation(at_rest: bool) -> None:
     block = held("f1", 2.0, 0.5, camera=1.0).block
-    shown = np.full(len(block.owner), 0.007)
-
-    class Look:
-        result = SimpleNamespace(captures=[SimpleNamespace(id="a", base="the state without effects")])
-
-        def drape(self, capture: Any, effects: Any) -> Any:
-            return SimpleNamespace(drape=SimpleNamespace(ok=at_rest))
-
-        def change(self, capture: Any, effects: Any) -> Any:
-            return shown
-
-    looks: Any = {"f1": Look()}
+    look = Look(len(block.owner), at_rest=at_rest)
+    looks: Any = {"f1": look}
     found = Judge(looks).response(block, [TURNED])
     known = block.metres(whitened(block, [TURNED]))
-    assert np.abs(known - shown).max() > 1e-4
-    np.testing.assert_array_equal(found, shown if at_rest else known)
+    assert np.abs(known - look.shown).max() > 1e-4
+    np.testing.assert_array_equal(found, look.shown if at_rest else known)
+
+
+def test_what_does_not_come_to_rest_and_has_no_response_counts_as_far_as_it_came() -> None:
+    block = held("f1", 2.0, 0.5, camera=1.0).block
+    block = replace(block, stated=replace(block.stated, responses={}))
+    look = Look(len(block.owner), at_rest=False)
+    looks: Any = {"f1": look}
+    np.testing.assert_array_equal(Judge(looks).response(block, [TURNED]), look.shown)
 
 
 @pytest.mark.parametrize("at_rest", [True, False])

@@ -51,7 +51,10 @@ def report(top: str, p: float = 0.9, rows: tuple[RegionGap, ...] = (), alike: tu
 
 def advised(told: GapReport, scenes: tuple[str, ...] = ("stretch",), fabrics: int = 2) -> str:
     captures = [SimpleNamespace(scene=scene) for scene in scenes]
-    results = [SimpleNamespace(task=SimpleNamespace(id=f"f{n + 1}"), captures=captures) for n in range(fabrics)]
+    seen = SimulationScene(Setup.nominal("stretch")).with_sensor(range_noise_m=0.001, at_m=1.2)
+    taken = [SimpleNamespace(scene=seen) for _ in scenes]
+    tasks = [SimpleNamespace(id=f"f{n + 1}", captures=taken) for n in range(fabrics)]
+    results = [SimpleNamespace(task=task, captures=captures) for task in tasks]
     made: Any = SimpleNamespace(report=told, results=results)
     return "\n".join(advice(made))
 
@@ -75,6 +78,14 @@ def test_what_a_capture_set_cannot_state_is_not_to_be_corrected_there() -> None:
     stated = {name for name in seen if "capture set (sensor." in advised(report(name))}
     assert stated == {"range_noise", "quantisation"}
     assert {name for name in seen if "--apply" in advised(report(name))} == set(MODELLED)
+
+
+def test_of_noise_what_is_to_be_stated_is_all_of_it() -> None:
+    told = report("range_noise")
+    effect = told.cause.effects[0].model_copy(update={"magnitude": 0.00335})
+    told = told.model_copy(update={"cause": told.cause.model_copy(update={"effects": (effect,)})})
+    assert "sensor.range_noise_m 0.0035 with sensor.at_m 1.2: 1 mm as stated, 3.35 mm more as found" in advised(told)
+    assert "sensor.at_m" not in advised(report("quantisation"))
 
 
 def test_of_something_unknown_the_advice_goes_where_the_gap_lies() -> None:
@@ -274,6 +285,8 @@ def test_sizes_are_told_to_three_digits_and_lengths_in_millimetres() -> None:
     assert size_text(length) == "5.58 mm (90 % interval 3.73 to 8.35)"
     share = {"name": "dropout", "stage": "sensor", "magnitude": 0.0152, "unit": "1", "interval_90": (0.01, 0.02)}
     assert size_text(FoundEffect.model_validate(share)) == "1.52 % (90 % interval 1 to 2)"
+    friction = {"name": "panel_friction", "stage": "environment", "magnitude": 0.4, "interval_90": (0.3, 0.5)}
+    assert size_text(FoundEffect.model_validate(share | friction)) == "0.4 (90 % interval 0.3 to 0.5)"  # is no share
     turn = FoundEffect(
         name="camera_rotation",
         stage="camera",
