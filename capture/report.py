@@ -157,12 +157,12 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None, holes: float
 
 
 def holes_of(prepared: PreparedCapture) -> float:
-    """Share of the pixels without data where cloth is seen or, before a panel, should be.
+    """Share of the pixels without data where cloth is seen or, before a panel that is seen, should be.
 
     Small holes lie in what is seen; one that sunlight makes may take half the cloth, and only the pose tells of it.
     """
     capture = prepared.capture
-    if not capture.setup.panel:
+    if not capture.setup.panel or prepared.region.plane is None:
         return prepared.region.holes
     expected = expected_outline(capture.camera, prepared.registration.camera_from_panel, capture.setup)
     return hole_share(prepared.depth, prepared.region.mask, expected)

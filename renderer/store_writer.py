@@ -27,6 +27,7 @@ from renderer.store_location import (
     local_path,
     open_location,
     read_attributes,
+    read_errors,
     store_errors,
     store_exists,
 )
@@ -191,7 +192,7 @@ class StoreWriter:
         from zarr.core.sync import sync
 
         *_, mark = array_specs(self.layout)
-        with store_errors(self.url):
+        with read_errors(self.url):
             if not sync(self._group.store.exists(object_key(mark, shard))):
                 return None
             rows = self.layout.shard_rows(shard)

@@ -58,7 +58,7 @@ class Drive:
         import ray
 
         mailbox: Any = ray.remote(Mailbox).options(num_cpus=0).remote()
-        # begun anew where its machine is lost: workers pass over what is stored
+        # begun anew where its machine is lost, and the mailbox's is not: workers pass over what is stored
         loop = ray.remote(_loop).options(num_cpus=0, max_retries=3).remote(self, mailbox)
         finished: list[Any] = []
         try:
@@ -69,7 +69,9 @@ class Drive:
             ray.get(loop)
         except ray.exceptions.RayTaskError as error:
             raise error.cause from None
-        except (ray.exceptions.RayActorError, ray.exceptions.WorkerCrashedError) as error:
+        except ray.exceptions.RaySystemError:
+            raise  # the cluster itself went away
+        except ray.exceptions.RayError as error:
             raise StoreError(
                 f"what drives the sweep was lost on the cluster ({type(error).__name__})", code="workers_die"
             ) from None

@@ -37,10 +37,13 @@ class SweepMetrics:
         """Take one word of a worker."""
         now = time.monotonic()
         worker = f"{word.host}:{word.process_id}"
-        if worker in self._last:
-            self._seconds.observe(now - self._last[worker])
-        self._last[worker] = now
-        if self._tally.is_new(word.simulation):
+        last, self._last[worker] = self._last.get(worker), now
+        new = self._tally.is_new(word.simulation)
+        if word.found:
+            return
+        if last is not None:
+            self._seconds.observe(now - last)
+        if new:
             self._simulations.inc(tags={"status": word.status.label})
         self._memory.set(word.rss_bytes, tags={"worker": worker})
         if word.stored:

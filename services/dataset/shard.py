@@ -1,4 +1,4 @@
-"""The work of one shard: simulate, render, and gather the rows; every failure but a lack of memory is a row."""
+"""The work of one shard: simulate, render, and gather the rows; every failure of a simulation is a row."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from services.random_streams import SENSOR_STREAM
 from simcore.batch.request import Request
 from simcore.checks import check_request
 from simcore.drape import Drape, DrapeStatus
-from simcore.errors import DrapemeterError, OutOfMemoryError
+from simcore.errors import DrapemeterError, MissingResourceError, OutOfMemoryError
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 
 if TYPE_CHECKING:
@@ -33,9 +33,10 @@ _STATUS = {
     DrapeStatus.DIVERGED: RowStatus.DIVERGED,
 }
 
-
-MACHINE = (OutOfMemoryError, MemoryError, OSError, ImportError)
+MACHINE = (OutOfMemoryError, MemoryError, MissingResourceError, OSError, ImportError)
 """Of the machine or its installation, not of a simulation: as rows they would fill a store that is never mended."""
+FAILURES = (DrapemeterError, ArithmeticError, LookupError, RuntimeError, ValueError)
+"""Of a simulation, whose rows say so; what else is raised is a fault of the program, and ends the sweep."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def simulate_shard(
     """Rows of each simulation of a shard in turn, with its status.
 
     Raises:
-        OutOfMemoryError, MemoryError, OSError, ImportError: see :func:`simulate_and_render`.
+        OutOfMemoryError, MemoryError, MissingResourceError, OSError, ImportError: see :func:`simulate_and_render`.
     """
     layout = configuration.layout
     for number, fabric in zip(layout.shard_simulations(task.shard), task.parameters, strict=True):
@@ -129,10 +130,11 @@ def simulate_shard(
 def simulate_and_render(
     fabric: NDArray[np.float32], scene: str, seed: int, configuration: SweepConfiguration, solver: DrapeSolver
 ) -> Outcome:
-    """One simulation with its pictures. Whatever goes wrong in it is told in the outcome, not raised.
+    """One simulation with its pictures. What goes wrong in it (:data:`FAILURES`) is told in the outcome, not raised.
 
     Raises:
-        OutOfMemoryError, MemoryError, OSError, ImportError: the machine's fault, which says nothing of the simulation.
+        OutOfMemoryError, MemoryError, MissingResourceError, OSError, ImportError: the machine's fault, which says
+            nothing of the simulation.
     """
     nothing = _no_depth(configuration)
     try:
@@ -147,7 +149,7 @@ def simulate_and_render(
         )
     except MACHINE:
         raise
-    except Exception as error:  # noqa: BLE001  whatever one simulation fails of, the others go on
+    except FAILURES as error:
         refused = isinstance(error, DrapemeterError)
         status = RowStatus.REFUSED if refused else RowStatus.CRASHED
         return Outcome(status, f"{type(error).__name__}: {error}", None, nothing)
@@ -162,7 +164,7 @@ def simulate_and_render(
         counts = quantise_depth(apply_sensor(depth, seed, built), DEPTH_UNIT_M)
     except MACHINE:
         raise
-    except Exception as error:  # noqa: BLE001  as above
+    except FAILURES as error:
         return Outcome(RowStatus.BAD_RENDER, f"{type(error).__name__}: {error}", drape, nothing)
     if not counts.reshape(len(counts), -1).any(axis=1).all():
         fault = fault or "the sensor reads nothing"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +14,13 @@ from services.dataset.configuration import SweepConfiguration
 from services.dataset.shard import ShardTask, shard_requests, simulate_shard
 from services.dataset.solver_kind import SolverKind
 from services.dataset.solving import ShardSolver
-from simcore.errors import OutOfMemoryError
+from simcore.errors import MissingResourceError, OutOfMemoryError
 
 if TYPE_CHECKING:
     from simcore.solver import Solver
+
+WORKER_MACHINE = "worker_machine"
+"""Code of a machine that cannot simulate."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,7 @@ class SimulationDone:
         process_id: the worker's process there.
         rss_bytes: memory the worker holds.
         stored: the shard is written and marked complete.
+        found: it was stored already, by another driver or another run of this one; nothing was done.
     """
 
     simulation: int
@@ -41,6 +45,7 @@ class SimulationDone:
     process_id: int
     rss_bytes: int
     stored: bool
+    found: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,7 @@ class ShardWorker:
             InputError: no permission.
             StoreError: the place of the store fails or has no space left.
             OutOfMemoryError: memory is short; the shard is not stored.
+            MissingResourceError: the worker's machine or its installation lacks something; the shard is not stored.
         """
         try:
             yield from self._run(task)
@@ -83,6 +89,12 @@ class ShardWorker:
             raise OutOfMemoryError(
                 f"out of memory ({str(error) or type(error).__name__}): use coarser cells, or run fewer processes side "
                 "by side"
+            ) from error
+        except (OSError, ImportError, MissingResourceError) as error:
+            raise MissingResourceError(
+                f"the worker on {socket.gethostname()} cannot simulate ({type(error).__name__}: {error}): mend that "
+                "machine, or leave it out",
+                code=WORKER_MACHINE,
             ) from error
 
     def _run(self, task: ShardTask) -> Iterator[SimulationDone | ShardSolved]:
@@ -92,7 +104,8 @@ class ShardWorker:
         ended = writer.status(task.shard)
         if ended is not None:  # by another driver of this store, or by this one before it was begun anew
             for number, status in zip(numbers, ended[:: layout.pictures], strict=True):
-                yield self._word(number, RowStatus(int(status)), stored=number == numbers[-1])
+                word = self._word(number, RowStatus(int(status)), stored=number == numbers[-1])
+                yield replace(word, found=True)
             return
         parts: list[ShardRows] = []
         if isinstance(solver, ShardSolver) and not task.one_by_one:

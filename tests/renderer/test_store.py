@@ -164,6 +164,15 @@ def test_a_shard_with_a_damaged_object_is_written_again(name: str, tmp_path: Pat
     assert files(tmp_path / "s.zarr") == sound
 
 
+def test_the_status_of_a_damaged_shard_is_no_status(tmp_path: Path) -> None:
+    make(tmp_path / "s.zarr")
+    (chunk,) = (path for path in (tmp_path / "s.zarr" / "status" / "c").rglob("0") if path.is_file())
+    chunk.write_bytes(chunk.read_bytes()[:-4])
+    with pytest.raises(StoreError, match="damaged") as caught:
+        StoreWriter.open(tmp_path / "s.zarr").status(0)
+    assert caught.value.code == "store_damaged"
+
+
 def test_a_store_travels_to_a_worker_by_its_url(tmp_path: Path) -> None:
     make(tmp_path / "s.zarr")
     there = pickle.loads(pickle.dumps(Store.open(tmp_path / "s.zarr")))

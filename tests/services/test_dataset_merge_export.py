@@ -133,6 +133,19 @@ def test_a_shaded_picture_is_of_the_camera_that_its_sweep_had() -> None:
     assert usual == CANONICAL_CAMERA and changed.fx == pytest.approx(1.03 * usual.fx)
 
 
+def test_a_merge_of_unlike_cameras_is_drawn_as_its_sources_are(tmp_path: Path) -> None:
+    longer = AppliedEffect(name="focal_scale", size={"magnitude": 0.03})
+    sweeps = small_sweep(materials=2), small_sweep(materials=3, simulator=[longer])
+    sources = [Store.open(made_up_store(tmp_path / f"{k}.zarr", *sweep)) for k, sweep in enumerate(sweeps)]
+    merged = merge_stores(sources, str(tmp_path / "both.zarr"))
+    drawn = []
+    for name, store in (("first", sources[0]), ("second", sources[1]), ("both", merged)):
+        export_store(store, tmp_path / name, shaded=True)
+        drawn.append([path.read_bytes() for path in sorted((tmp_path / name / "shaded").iterdir())])
+    assert drawn[2] == drawn[0] + drawn[1]
+    assert drawn[0][0] != drawn[1][0]  # of the same made-up drape
+
+
 def test_export_writes_pictures_and_a_table_that_agree(stores: list[Store], tmp_path: Path) -> None:
     store = stores[0]
     assert export_store(store, tmp_path / "out", shaded=True) == 12

@@ -69,12 +69,21 @@ def test_a_material_is_the_same_in_any_sweep_of_the_seed() -> None:
     assert few.parameters([2]).dtype == np.float32
 
 
-def test_a_fabric_named_twice_is_looked_up_once() -> None:
+def test_a_fabric_named_twice_is_looked_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A shard names each several times, and stepping back in a Sobol sequence begins it anew."""
     _, fabrics = plan_sweep(materials=6, jitters=1)
     asked = [4, 4, 1, 5, 1]
-    found = fabrics.parameters(asked)
-    assert np.array_equal(found, np.concatenate([fabrics.parameters([number]) for number in asked]))
+    each = np.concatenate([fabrics.parameters([number]) for number in asked])
+    looked_up: list[list[int]] = []
+    sample_array = FabricPrior.sample_array
+
+    def noted(prior: FabricPrior, indices: list[int], **others: Any) -> Any:
+        looked_up.append(indices)
+        return sample_array(prior, indices, **others)
+
+    monkeypatch.setattr(FabricPrior, "sample_array", noted)
+    assert np.array_equal(fabrics.parameters(asked), each)
+    assert looked_up == [[1, 4, 5]]
 
 
 @pytest.mark.parametrize("design", ["sobol", "random", "grid"])

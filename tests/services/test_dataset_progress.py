@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -63,6 +64,10 @@ def test_metrics_count_them_once(monkeypatch: pytest.MonkeyPatch) -> None:
     for simulation in TOLD:
         metrics.count(word(simulation))
     assert counted == ["drapemeter_simulations_total"] * 4
+    metrics.count(replace(word(4), stored=True, found=True))  # another driver's work
+    assert counted == ["drapemeter_simulations_total"] * 4
+    metrics.count(replace(word(5), stored=True))
+    assert counted[4:] == ["drapemeter_simulations_total", "drapemeter_shards_total"]
 
 
 def test_a_job_that_goes_on_counts_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

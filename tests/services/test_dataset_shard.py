@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import socket
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from services.dataset.shard import (
 from services.dataset.sweep import prepare_store
 from services.dataset.worker import ShardWorker
 from simcore.drape import Drape, DrapeStatus
-from simcore.errors import InputError, OutOfMemoryError, SimulationError
+from simcore.errors import InputError, MissingResourceError, OutOfMemoryError, SimulationError
 from simcore.parameters import LIMITS, PARAMETER_NAMES, FabricParameters
 from simcore.scenes import Setup
 from simcore.solver import Solver
@@ -95,13 +96,28 @@ def test_a_shard_that_is_stored_is_passed_over(tmp_path: Path) -> None:
     worker = ShardWorker(str(store), configuration)
     worker._writer, worker._solver = StoreWriter.open(store), StubSolver(AssertionError("simulated"))
     words = told(worker, ShardTask(1, fabrics.parameters([1]), {}))
-    assert [(word.simulation, word.status, word.stored) for word in words] == [(3, RowStatus.TIMED_OUT, True)]
+    assert [(w.simulation, w.status, w.stored, w.found) for w in words] == [(3, RowStatus.TIMED_OUT, True, True)]
     assert np.array_equal(Store.open(store).checksums, before)
 
 
-@pytest.mark.parametrize("fault", [OSError(28, "No space left on device"), ImportError("no such library")])
-def test_what_the_machine_lacks_is_no_row(fault: Exception) -> None:
-    """Every simulation would be one."""
+@pytest.mark.parametrize(
+    "fault", [OSError(28, "No space left on device"), ImportError("no such library"), MissingResourceError("no oneMKL")]
+)
+def test_what_the_machine_lacks_is_no_row(fault: Exception, tmp_path: Path) -> None:
+    """Every simulation would be one. The machine is named."""
+    prepare_store(str(tmp_path / "s.zarr"), CONFIGURATION, resume=False)
+    worker = ShardWorker(str(tmp_path / "s.zarr"), CONFIGURATION)
+    worker._writer, worker._solver = StoreWriter.open(tmp_path / "s.zarr"), StubSolver(fault)
+    with pytest.raises(MissingResourceError) as caught:
+        list(worker.run(ShardTask(0, FABRICS.parameters([0, 0, 1]), {})))
+    assert caught.value.code == "worker_machine" and str(fault) in str(caught.value)
+    assert socket.gethostname() in str(caught.value)
+    assert not Store.open(tmp_path / "s.zarr").complete.any()
+
+
+@pytest.mark.parametrize("fault", [TypeError("got an unexpected keyword"), AttributeError("no such field")])
+def test_a_fault_of_the_program_is_no_row(fault: Exception) -> None:
+    """A library of another version on a node, say: it ends the sweep, and a --resume does the rest."""
     with pytest.raises(type(fault)):
         simulate_and_render(FABRIC, "hanging", 1, CONFIGURATION, StubSolver(fault))
 

@@ -39,7 +39,7 @@ router = APIRouter(prefix="/v1/diagnoses", tags=["diagnoses"])
     "",
     status_code=202,
     response_model=JobView,
-    responses={**accepted("Queued"), **problems(413, 415, 429)},
+    responses={**accepted("Queued"), **problems(413, 415, 429, 503)},
     summary="Diagnose a capture set",
 )
 async def create_diagnosis(
