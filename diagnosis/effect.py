@@ -282,10 +282,14 @@ class Effect:
             InputError: not finite, a component that the effect does not have, or a file's change that cannot be.
         """
         size = self.size(magnitude)
+        pins = dict(scene.setup.pins_m)
         try:
             changed: object = self.change(scene, size)
-        except DrapemeterError:
-            raise
+        except DrapemeterError as error:
+            if self.name in str(error):
+                raise
+            shown = ", ".join(f"{name} {value:g}" for name, value in size.items())
+            raise type(error)(f"effect {self.name} of {shown}: {error}", code=error.code) from error
         except Exception as error:  # whatever a user's own file does
             said = " ".join(str(error).split()) or "no reason given"
             raise InputError(
@@ -293,6 +297,13 @@ class Effect:
                 f"{said}",
                 code="effect_file",
             ) from error
+        if scene.setup.pins_m != pins:
+            scene.setup.pins_m.update(pins)
+            raise InputError(
+                f"effect {self.name}: its change moves the pins of the very scene that it is given: leave that as it "
+                "is and return scene.with_setup(...)",
+                code="effect_file",
+            )
         if not isinstance(changed, SimulationScene):
             raise InputError(
                 f"effect {self.name}: its change gives {type(changed).__name__}, not a scene: return the changed scene",
@@ -308,7 +319,10 @@ class Effect:
         return changed
 
     def size(self, magnitude: float | Size) -> dict[str, float]:
-        """All components of a magnitude, checked. One number given to a vector sets its first component."""
+        """All components of a magnitude, checked. One number given to a vector sets its first component.
+
+        A place of which only a part is given is the first one with that part, and else the first one but for that.
+        """
         given = dict(magnitude) if isinstance(magnitude, Mapping) else {next(iter(self.components)): magnitude}
         known = [*self.components, *self.places[0]]
         unknown = set(given) - set(known)
@@ -320,7 +334,9 @@ class Effect:
         if not all(math.isfinite(value) for value in given.values()):
             raise InputError(f"{self.name}: a magnitude must be a finite number [{self.unit}]", code="effect_magnitude")
         size = {name: float(given.get(name, self._default(name))) for name in self.components}
-        return size | {name: float(given.get(name, value)) for name, value in self.places[0].items()}
+        part = {name: float(given[name]) for name in self.places[0] if name in given}
+        like = (place for place in self.tried if part.items() <= place.items())
+        return size | {name: float(value) for name, value in next(like, self.places[0]).items()} | part
 
     def draw(self, rng: np.random.Generator, *, listed: bool = False) -> dict[str, float]:
         """A size from the prior; a vector's direction is uniform, its length log-uniform.

@@ -48,7 +48,7 @@ FIELDS = {
     "`between`, `alike`": "may be left out: places that are not simulated, because what it does there is about a "
     "mixture of what it does at others, as in `edge_curl.py`; how much alike it does at all places, from 0 to less "
     "than 1",
-    "`vector`, `random_repeats`, `holds`, `white`, `vague`, `twin`, `vanishes_at_zero`, `fine`, `presses`": (
+    "`vector`, `random_repeats`, `holds`, `white`, `vague`, `twin`, `vanishes_at_zero`, `fine`, `presses`, `share`": (
         "may be left out: `diagnosis/effect.py` says which effects need them"
     ),
 }

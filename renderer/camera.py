@@ -43,6 +43,7 @@ class Camera:
             raise InputError(
                 f"distortion needs five numbers k1, k2, p1, p2, k3, got {len(self.distortion)}", code="camera"
             )
+        object.__setattr__(self, "distortion", tuple(self.distortion))
         numbers = (self.fx, self.fy, self.cx, self.cy, self.depth_unit_m, *self.distortion)
         if not all(math.isfinite(n) for n in numbers) or min(self.fx, self.fy, self.depth_unit_m) <= 0:
             raise InputError("camera intrinsics must be finite, focal lengths and depth unit positive", code="camera")

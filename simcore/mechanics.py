@@ -41,6 +41,9 @@ LEAST_GRAVITY_M_S2 = 0.01
 LARGEST_JITTER = {"force_weights": 100.0, "pin_m": 0.05, "placement_m": 0.5}
 LARGEST_CURVATURE_1_M = 1e4
 LARGEST_CREASE_RAD = 2.0 * math.pi
+LEAST_WIDTH_M, LARGEST_WIDTH_M = 2.5e-3, 5.0
+"""Narrower fields would be missed by, or count twice on, the parts of cells that they are taken at
+(:data:`simcore.loads.PART_M`); no sample is larger."""
 
 
 def _check_numbers(what: str, largest: float, *numbers: float) -> None:
@@ -52,8 +55,11 @@ def _check_numbers(what: str, largest: float, *numbers: float) -> None:
 
 
 def _check_width(width_m: float, what: str) -> None:
-    if not width_m > 0.0 or not math.isfinite(width_m):
-        raise InputError(f"the width of {what}, {width_m:g} m, must be positive", code="mechanics")
+    if not LEAST_WIDTH_M <= width_m <= LARGEST_WIDTH_M:
+        raise InputError(
+            f"the width of {what}, {width_m:g} m, must be from {LEAST_WIDTH_M:g} to {LARGEST_WIDTH_M:g} m",
+            code="mechanics",
+        )
 
 
 class CurvatureField(Protocol):
@@ -96,6 +102,9 @@ class EdgeCurl:
     def __post_init__(self) -> None:
         _check_numbers("an edge curl [1/m]", LARGEST_CURVATURE_1_M, self.curvature)
         _check_width(self.width_m, "an edge curl's strip")
+        edges: object = self.edges
+        if isinstance(edges, str):
+            raise InputError(f"the edges that curl are a tuple of names, not {edges!r}", code="mechanics")
         if unknown := sorted(set(self.edges) - set(EDGES)):
             raise InputError(f"no edge {unknown[0]!r} to curl: choose of {', '.join(EDGES)}", code="mechanics")
 
@@ -154,8 +163,11 @@ class FrozenCurvature:
     def __post_init__(self) -> None:
         _check_numbers("a frozen curvature [1/m]", LARGEST_CURVATURE_1_M, self.amplitude)
         _check_width(self.wavelength_m, "a frozen curvature's waves")
-        if self.seed < 0:
-            raise InputError(f"the seed of a frozen curvature must be 0 or more, not {self.seed}", code="mechanics")
+        if self.seed < 0 or self.seed != int(self.seed):
+            raise InputError(
+                f"the seed of a frozen curvature must be a whole number, 0 or more, not {self.seed}", code="mechanics"
+            )
+        object.__setattr__(self, "seed", int(self.seed))
 
     def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
         """See :class:`CurvatureField`."""
@@ -205,6 +217,8 @@ class Mechanics:
     trim_kg_m: tuple[float, float, float, float] = field(default=(0.0, 0.0, 0.0, 0.0), metadata=LATER)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.rest_curvature, tuple):
+            raise InputError("rest_curvature is a tuple of fields: give (field,) for one", code="mechanics")
         if np.shape(self.gravity) != (3,) or not all(math.isfinite(g) for g in self.gravity):
             raise InputError(f"gravity needs three finite numbers [m/s²], got {self.gravity}", code="mechanics")
         if math.hypot(*self.gravity) < LEAST_GRAVITY_M_S2:

@@ -72,6 +72,12 @@ def parse_effect(text: str) -> tuple[Effect, dict[str, float]]:
     try:
         if ":" not in value:
             return effect, effect.size(float(value))
+        if nameless := [part for part in value.split(",") if ":" not in part]:
+            form = ",".join(f"{known}:NUMBER" for known in (*effect.components, *effect.places[0]))
+            raise InputError(
+                f"{text!r}: {nameless[0]!r} has no name: write {effect.name}={form}, as many of them as you give",
+                code="effect_magnitude",
+            )
         pairs = [(part.partition(":")[0].strip(), float(part.partition(":")[2])) for part in value.split(",")]
     except ValueError:
         raise InputError(f"{text!r}: {value!r} is not a number", code="effect_magnitude") from None

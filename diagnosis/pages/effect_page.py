@@ -93,7 +93,7 @@ def _head(effects: Mapping[str, Effect]) -> list[str]:
         "occur. A vector's range is that of its length, and all directions are equally probable. Sizes outside can be "
         "simulated, but are seldom believed. **Place** is what an effect has beside its size: where or which way it "
         "acts. A diagnosis tries those that are listed, equally probable where nothing else is said; others can be "
-        "simulated. Where none is given, it is the first.",
+        "simulated. Where none is given, it is the first; where a part of it is, the first with that part.",
         "",
         "A command takes an effect as in `drapemeter simulate --effect crease=1.2`: a number, or components by name "
         "with commas between them, `crease=magnitude:1.2,down:0`. Components of a vector that are not given are zero.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from services.cli.options import JSON
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
+    from diagnosis.effect import Effect
     from diagnosis.scene import SimulationScene
     from simcore.drape import Drape
     from simcore.parameters import FabricParameters
@@ -149,16 +151,36 @@ def build_scene(
         if effect.stage in (Stage.CAMERA, Stage.SENSOR) and not pictured:
             console.note(f"effect {effect.name} changes the picture alone: ask for one with --depth")
         seen.add(effect.name)
+        if said := completed(effect, text, size):
+            console.note(f"effect {effect.name}: {said}")
         before, changed = changed, effect.apply(changed, size)
         if changed == before and any(size[name] != 0.0 for name in effect.components):
             console.note(f"effect {effect.name} changes nothing in {setup.scene.value}")
     return nominal, changed
 
 
+def given_names(text: str) -> set[str]:
+    """Components of an effect's size that a command line names; none where it gives one number."""
+    parts = text.partition("=")[2].split(",")
+    return {part.partition(":")[0].strip() for part in parts if ":" in part}
+
+
 def gives_seed(text: str) -> bool:
     """Whether a size from the command line says the effect's own seed."""
-    parts = text.partition("=")[2].split(",")
-    return any(part.partition(":")[0].strip() == EFFECT_SEED for part in parts if ":" in part)
+    return EFFECT_SEED in given_names(text)
+
+
+def completed(effect: Effect, text: str, size: Mapping[str, float]) -> str:
+    """The whole size in words, where a command line gives a part of it: nothing where the rest is zero or chance."""
+    named = given_names(text)
+    if effect.vector and named:
+        return ""
+    first = next(iter(effect.components))
+    left = set(size) - (named or {first}) - ({EFFECT_SEED} if effect.random_repeats else set())
+    if not left:
+        return ""
+    shown = [f"{name} {value:.4g}" for name, value in size.items() if name in left or name in named or name == first]
+    return ", ".join(shown) + f" [{effect.unit}]" * effect.vector
 
 
 def report(drape: Drape, out: Path, json_output: bool) -> None:

@@ -98,31 +98,6 @@ def test_depth_scale_and_noise_act_on_what_the_sensor_already_does() -> None:
     assert get_effect("range_noise").apply(base, 0.004).sensor.range_noise_m == pytest.approx(0.005)
 
 
-def test_parse_effect_reads_numbers_and_components() -> None:
-    effect, size = parse_effect("air_draft=0.3")
-    assert (effect.name, size) == ("air_draft", {SCALAR: 0.3})
-    assert parse_effect("camera_rotation=rx:1,rz:-2")[1] == {"rx": 1.0, "ry": 0.0, "rz": -2.0}
-    assert parse_effect("crease=1.2")[1] == {SCALAR: 1.2, "down": 1.0, "position": 0.5}
-    assert parse_effect("crease=magnitude:1.2,down:0")[1]["down"] == 0.0
-
-
-@pytest.mark.parametrize(
-    ("text", "code"),
-    [
-        ("wind=0.3", "effect_unknown"),
-        ("air_draft", "effect_magnitude"),
-        ("air_draft=", "effect_magnitude"),
-        ("air_draft=much", "effect_magnitude"),
-        ("air_draft=nan", "effect_magnitude"),
-        ("air_draft=speed:1", "effect_component_unknown"),
-    ],
-)
-def test_unusable_effects_are_refused_with_a_code(text: str, code: str) -> None:
-    with pytest.raises(InputError) as caught:
-        parse_effect(text)
-    assert caught.value.code == code
-
-
 def test_unknown_name_lists_the_catalogue() -> None:
     with pytest.raises(InputError, match=r"air_draft.*stretch_stiffening"):
         get_effect("wind")
@@ -257,6 +232,16 @@ def test_a_change_of_what_another_stage_changes_is_refused(add: Add, repository:
     add("pin_height", example(repository).replace("Stage.SETUP", "Stage.CAMERA"))
     with pytest.raises(InputError, match="its change sets setup, an effect of the camera stage camera and pose alone"):
         get_effect("pin_height").apply(scene(), 0.004)
+
+
+def test_a_change_that_moves_the_pins_of_its_own_scene_is_refused(add: Add, repository: Path) -> None:
+    moved = '    scene.setup.pins_m["top_left"] = (-0.3, 0.0, 0.0)\n    return scene'
+    add("pin_height", re.sub(r"    return .*", moved, example(repository)))
+    given = scene()
+    pins = dict(given.setup.pins_m)
+    with pytest.raises(InputError, match="moves the pins of the very scene") as caught:
+        get_effect("pin_height").apply(given, 0.004)
+    assert caught.value.code == "effect_file" and given.setup.pins_m == pins
 
 
 @pytest.mark.parametrize("text", ["edge_curl=magnitude:10,magnitude:20", "bending_hysteresis=magnitude:10,seed:1.5"])

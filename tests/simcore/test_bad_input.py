@@ -338,10 +338,14 @@ def test_putting_up_ends_where_no_shift_makes_the_hessian_positive(monkeypatch: 
     ("make", "words"),
     [
         (lambda: Crease(1.0, position=7.0), ("crease", "0 to 1")),
-        (lambda: Crease(1.0, width_m=0.0), ("crease", "positive")),
-        (lambda: EdgeCurl(10.0, width_m=0.0), ("strip", "positive")),
-        (lambda: EdgeCurl(10.0, width_m=math.nan), ("strip", "positive")),
+        (lambda: Crease(1.0, width_m=0.002), ("crease", "0.002 m", "0.0025")),  # it would be missed, or count twice
+        (lambda: EdgeCurl(10.0, width_m=0.0), ("strip", "0.0025")),
+        (lambda: EdgeCurl(10.0, width_m=math.nan), ("strip", "0.0025")),
+        (lambda: EdgeCurl(10.0, width_m=30.0), ("strip", "30 m", "to 5 m")),
+        (lambda: EdgeCurl(10.0, edges="left"), ("tuple of names", "'left'")),  # type: ignore[arg-type]
         (lambda: FrozenCurvature(10.0, seed=-1), ("seed", "-1")),
+        (lambda: FrozenCurvature(10.0, seed=1.5), ("whole number", "1.5")),  # type: ignore[arg-type]
+        (lambda: Mechanics(rest_curvature=EdgeCurl(10.0)), ("tuple of fields",)),  # type: ignore[arg-type]
         (lambda: Mechanics(stiffening_strain=1e-200), ("stiffening", "positive")),
     ],
 )
