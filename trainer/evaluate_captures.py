@@ -124,6 +124,17 @@ def markdown(scores: dict[str, dict[str, Score]]) -> str:
     return "\n".join(lines)
 
 
+def as_json(scores: dict[str, dict[str, Score]]) -> dict[str, dict[str, dict[str, float | None]]]:
+    """As plain JSON values; what is relative to the range of the fabrics themselves is called so, ``mae_own_range``."""
+    return {
+        scenes: {
+            name: {"mae_own_range" if key == "mae_range" else key: value for key, value in score.to_json().items()}
+            for name, score in rows.items()
+        }
+        for scenes, rows in scores.items()
+    }
+
+
 def main() -> None:
     """Print the table; write the numbers if asked."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -139,8 +150,7 @@ def main() -> None:
         scores = evaluate_captures(Estimator.load(options.model), known_fabrics(options.captures))
         sys.stdout.write(markdown(scores) + "\n")
         if options.out is not None:
-            plain = {key: {name: s.to_json() for name, s in rows.items()} for key, rows in scores.items()}
-            write_atomically(options.out, (json.dumps(plain, indent=1) + "\n").encode())
+            write_atomically(options.out, (json.dumps(as_json(scores), indent=1) + "\n").encode())
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,8 @@ _SPLIT_STREAM = 1
 LEAST_MATERIALS = 5
 CALIBRATION_MATERIALS = 9
 """Fewer cannot promise a 90 % interval (see ``trainer.intervals``)."""
+LEAST_HELD_OUT = 2
+"""One to calibrate and one to test on."""
 
 
 @dataclass(frozen=True)
@@ -24,33 +26,26 @@ class MaterialSplit:
     calibration: NDArray[np.int64]
     test: NDArray[np.int64]
 
-    def without_known(self, known: Sequence[int]) -> MaterialSplit:
-        """The same with materials that are known already learnt from again, in place of being held out.
-
-        Raises:
-            InputError: none are left to calibrate or to test on.
-        """
-        kept = [held[~np.isin(held, known)] for held in (self.calibration, self.test)]
-        if not all(map(len, kept)):
-            raise InputError(
-                "the earlier model has learnt from the fabrics that would be held out: take a store with others, or "
-                "the seed that it was trained with",
-                code="start_knows_fabrics",
-            )
-        everything = np.concatenate([self.train, self.calibration, self.test])
-        return MaterialSplit(np.sort(everything[~np.isin(everything, np.concatenate(kept))]), *kept)
-
 
 def split_materials(
-    materials: NDArray[np.int64], *, seed: int, train_share: float, calibration_share: float
+    materials: NDArray[np.int64],
+    *,
+    seed: int,
+    train_share: float,
+    calibration_share: float,
+    known: Collection[int] = (),
 ) -> MaterialSplit:
     """Split the materials at random; the same seed and materials give the same split.
 
     Args:
         materials: material number of each row or material, any order, repeats allowed.
+        seed: of the split.
+        train_share, calibration_share: of the materials; the rest is tested on.
+        known: materials that an earlier model has learnt from: they are not held out. Where fewer others are left than
+            would be, both held-out sets are smaller.
 
     Raises:
-        InputError: too few materials for three sets.
+        InputError: too few materials for three sets, or too few that are not known.
     """
     unique = np.unique(materials)
     if len(unique) < LEAST_MATERIALS:
@@ -64,7 +59,19 @@ def split_materials(
     # A small store gives a fifth of its materials rather than intervals that promise nothing.
     calibration = max(1, round(calibration_share * len(unique)), min(CALIBRATION_MATERIALS, len(unique) // 5))
     test = max(1, round((1.0 - train_share - calibration_share) * len(unique)))
+    is_known = np.isin(shuffled, np.array(sorted(known), dtype=np.int64))
+    left = int((~is_known).sum())
+    if left < LEAST_HELD_OUT:
+        raise InputError(
+            f"the earlier model has learnt from all but {left} of the store's {len(unique)} fabrics, and those that it "
+            "knows cannot be held out: take a store with others",
+            code="start_knows_fabrics",
+        )
+    if left < calibration + test:
+        calibration = min(left - 1, max(1, round(left * calibration / (calibration + test))))
+        test = left - calibration
     held_out = calibration + test
+    shuffled = np.concatenate([shuffled[~is_known], shuffled[is_known]])
     return MaterialSplit(
         np.sort(shuffled[held_out:]), np.sort(shuffled[:calibration]), np.sort(shuffled[calibration:held_out])
     )

@@ -149,13 +149,14 @@ def split_of(table: PictureTable, config: TrainConfig, start: TrainedModel | Non
     Raises:
         InputError: too few materials, or too few that the earlier model has not learnt from.
     """
-    split = split_materials(
-        table.material, seed=config.seed, train_share=config.train_share, calibration_share=config.calibration_share
+    learnt = set() if start is None else set(start.provenance.get("learnt", ()))
+    return split_materials(
+        table.material,
+        seed=config.seed,
+        train_share=config.train_share,
+        calibration_share=config.calibration_share,
+        known=[number for number, name in learnt_fabrics(table).items() if name in learnt] if learnt else (),
     )
-    if start is None:
-        return split
-    known = set(start.provenance.get("learnt", ()))
-    return split.without_known([number for number, name in learnt_fabrics(table).items() if name in known])
 
 
 def learnt_fabrics(table: PictureTable) -> dict[int, str]:

@@ -178,9 +178,10 @@ def report(model: TrainedModel, out: Path, version: str, seconds: float, json_ou
         f"{counts['calibration']}, tested on {counts['test']}"
     )
     if counts["calibration"] < CALIBRATION_MATERIALS:
+        new = " that the earlier model does not know" if "start" in model.provenance else ""
         console.say(
-            f"  its intervals promise nothing: that takes {CALIBRATION_MATERIALS} fabrics to calibrate on, a store of "
-            f"{5 * CALIBRATION_MATERIALS} or more"
+            f"  its intervals promise nothing: that takes {CALIBRATION_MATERIALS} fabrics{new} to calibrate on, "
+            f"a store of {5 * CALIBRATION_MATERIALS} or more"
         )
     for predictor in model.metrics.scores:
         factor = math.exp(model.metrics.average(predictor, "mae_log"))

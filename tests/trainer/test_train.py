@@ -366,8 +366,10 @@ def test_what_the_earlier_model_learnt_from_is_not_held_out(tiny_config: TrainCo
     table = source.table()
     known = split_of(table, config).train
     other = replace(config, seed=7)
-    assert np.intersect1d(split_of(table, other).calibration, known).size  # else this shows nothing
+    usual = split_of(table, other)
+    assert np.intersect1d(usual.calibration, known).size  # else this shows nothing
     split = split_of(table, other, first)
+    assert (len(split.calibration), len(split.test)) == (len(usual.calibration), len(usual.test))  # others are left
     for held_out in (split.calibration, split.test):
         assert len(held_out) and not np.intersect1d(held_out, known).size
     everything = np.concatenate([split.train, split.calibration, split.test])
@@ -375,6 +377,8 @@ def test_what_the_earlier_model_learnt_from_is_not_held_out(tiny_config: TrainCo
     second = train(source, other, start=first)
     assert set(first.provenance["learnt"]) < set(second.provenance["learnt"])
     assert "learnt" not in second.provenance["start"]["provenance"]
-    with pytest.raises(InputError) as caught:
-        split_of(table.of_materials(known), other, first)
+    fewer = split_of(table.of_materials(np.concatenate([known, split.test[:1], split.calibration[:1]])), other, first)
+    assert (len(fewer.calibration), len(fewer.test)) == (1, 1)
+    with pytest.raises(InputError, match=f"all but 1 of the store's {len(known) + 1} fabrics") as caught:
+        split_of(table.of_materials(np.append(known, split.test[0])), other, first)
     assert caught.value.code == "start_knows_fabrics"
