@@ -183,5 +183,5 @@ def _write_figure(
     order = np.argsort(matrix[0, 1:], kind="stable")
     by_parameters = [(ranking[k].id, float(matrix[0, 1 + k]), ranking[k].pictures) for k in order]
     by_drape = [(r.id, r.distance, r.pictures) for r in ranking]
-    rows = {f"drape ({name})": by_drape, "parameters (z-score)": by_parameters}
+    rows = {f"drape ({name})": by_drape, "parameters (z-scores of logarithms)": by_parameters}
     search_figure(path, found.reference_pictures, rows, columns=columns)

@@ -18,7 +18,7 @@ from services.plain_json import to_plain
 from simcore.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -52,6 +52,9 @@ def analyse(
     resolution: float = typer.Option(0.01, help="Edge of a mesh cell [m]; must divide 0.5 m."),
     seed: int = typer.Option(0, min=0, help="Of drapes, starts and resamples."),
     workers: int = typer.Option(0, help="Worker processes; 0 for one a core."),
+    library: Path | None = typer.Option(
+        None, help="Parameters to compare with people, CSV or JSON, by the fabrics' names; default: the study's own."
+    ),
     out: Path | None = typer.Option(None, help="Folder for embedding.png and analysis.json."),
     database: str | None = DATABASE,
     json_output: bool = JSON,
@@ -59,17 +62,20 @@ def analyse(
     """Agreement between participants, the tSTE embedding of their answers, and how each metric's rankings correlate.
 
     Where a fabric has no known parameters, the embedding and the agreement are given alone. One that cannot be
-    simulated is named, and metrics are compared over the others. `--backends ''` gives the distance of parameters
-    alone.
+    simulated is named, and metrics are compared over the others. `--backends ''` gives the distances of parameters
+    alone. Estimated parameters, or such as were measured since, are compared with `--library`.
 
     \b
     Example:
       drapemeter study analyse study_1f2e --backends lpips,depth --out analysis/
+      drapemeter study analyse study_1f2e --library estimated.json --out estimated/
     """
+    from metric.library import load_library
     from metric.simulate import SimulationPlan
     from services.cli.metric_options import check_resolution
     from services.cli.outputs import check_folder
 
+    given = {} if library is None else {fabric.id: fabric.parameters for fabric in load_library(library)}
     check_resolution(resolution)
     plan = SimulationPlan(simulations=simulations, resolution_m=resolution, seed=seed, workers=workers)
     if out is not None:
@@ -79,8 +85,19 @@ def analyse(
         if not answers:
             who = "simulated observers" if simulated else "people"
             raise InputError(f"study {study} has no answers of {who} yet", code="answers_missing")
-        said = _evaluate(store, answers, split_names(backends), plan, bootstrap)
-        document = {"study": study, "observers": "simulated" if simulated else "people", **said}
+        said = _evaluate(store, answers, split_names(backends), plan, bootstrap, given)
+        document = {
+            "study": study,
+            "observers": "simulated" if simulated else "people",
+            "settings": {
+                "seed": seed,
+                "bootstrap": bootstrap,
+                "simulations": simulations,
+                "resolution": resolution,
+                "library": None if library is None else str(library),
+            },
+            **said,
+        }
         _note_few(store, answers)
         if out is not None:
             _write(out, store, document, simulated)
@@ -91,15 +108,20 @@ def analyse(
 
 
 def _evaluate(
-    store: StudyStore, answers: Sequence[Answer], backends: Sequence[str], plan: SimulationPlan, bootstrap: int
+    store: StudyStore,
+    answers: Sequence[Answer],
+    backends: Sequence[str],
+    plan: SimulationPlan,
+    bootstrap: int,
+    given: Mapping[str, FabricParameters],
 ) -> dict[str, Any]:
-    """What the answers say, for the document."""
+    """What the answers say, for the document; ``given``: parameters to compare, by name, in place of the study's."""
     from metric.agreement import agreement, metric_agreement
     from metric.tste import answer_array, embed
 
     count = len(store.fabrics)
     found = embed(answer_array(answers), count, seed=plan.seed)
-    matrices, left_out = _matrices(store, backends, plan)
+    matrices, left_out = _matrices(store, backends, plan, given)
     scores = metric_agreement(matrices, answers, count, bootstrap=bootstrap, seed=plan.seed) if matrices else {}
     return {
         "participants": len({a.participant for a in answers}),
@@ -116,7 +138,7 @@ def _evaluate(
 
 
 def _matrices(
-    store: StudyStore, names: Sequence[str], plan: SimulationPlan
+    store: StudyStore, names: Sequence[str], plan: SimulationPlan, given: Mapping[str, FabricParameters]
 ) -> tuple[dict[str, NDArray[np.float64]], list[LeftOut]]:
     """Distance matrices by every metric, none where parameters are unknown; and what could not be simulated.
 
@@ -125,19 +147,21 @@ def _matrices(
     """
     from metric.backends import check_backend, get_backend
     from metric.matrix import pair_tables
-    from metric.parameter_distance import ParameterDistance
     from services.cli.caches import metric_caches
     from simcore.parameters import FabricParameters
 
     for name in names:
         check_backend(name)
-    unknown = [fabric.name for fabric in store.fabrics if fabric.parameters is None]
+    known = given or {f.name: FabricParameters.from_mapping(f.parameters) for f in store.fabrics if f.parameters}
+    unknown = [fabric.name for fabric in store.fabrics if fabric.name not in known]
     if unknown:
-        console.note(f"no metric is compared with people: parameters are unknown of {', '.join(unknown)}")
+        console.note(
+            f"no metric is compared with people: parameters are unknown of {', '.join(unknown)}; --library gives them"
+        )
         return {}, []
-    chosen = [get_backend(name) for name in names]
-    fabrics = [FabricParameters.from_mapping(f.parameters or {}) for f in store.fabrics]
-    found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
+    chosen = {name: get_backend(name) for name in names}
+    fabrics = [known[fabric.name] for fabric in store.fabrics]
+    found = _of_parameters(fabrics)
     if not chosen:
         return found, []
     caches = metric_caches()
@@ -154,11 +178,24 @@ def _matrices(
             "--seed or a finer --resolution"
         )
         return {}, left_out
-    found["parameters"] = _over(kept, found["parameters"][kept][:, kept], len(fabrics))
-    for backend in chosen:
+    found = {name: _over(kept, matrix[kept][:, kept], len(fabrics)) for name, matrix in found.items()}
+    for name, backend in chosen.items():
         tables = pair_tables([simulated[k].scenes for k in kept], backend, cache=caches.features)
-        found[backend.name] = _over(kept, tables.distances(), len(fabrics))
+        found[name] = _over(kept, tables.distances(), len(fabrics))
     return found, left_out
+
+
+def _of_parameters(fabrics: Sequence[FabricParameters]) -> dict[str, NDArray[np.float64]]:
+    """Distances of parameters, [n, n]: z-scores of logarithms against the prior, and, as in the paper, of values over
+    the study's own fabrics, where these differ in every parameter."""
+    from metric.parameter_distance import ParameterDistance
+
+    found = {"parameters": ParameterDistance.of_prior().matrix(fabrics)}
+    try:
+        found["parameters_values"] = ParameterDistance.of_population(fabrics, logarithmic=False).matrix(fabrics)
+    except InputError as error:
+        console.note(f"parameters_values is not compared with people: {error}")
+    return found
 
 
 def _simulate(
@@ -229,6 +266,6 @@ def _print(document: dict[str, Any]) -> None:
     for name, score in document["metrics"].items():
         interval = "no interval" if score.interval_95 is None else "[{:.3f}, {:.3f}]".format(*score.interval_95)
         console.say(
-            f"  {name:<14} Spearman {score.mean:.3f}  {interval}  "
+            f"  {name:<17} Spearman {score.mean:.3f}  {interval}  "
             f"answers predicted {100 * score.answers_predicted:.1f} %"
         )

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from metric.simulate import FabricRenders, SimulationPlan
     from simcore.parameters import FabricParameters
 
+FEWEST_ORDERED = 3
+"""Fabrics of a sweep without which none lies between others."""
 EVERY = "lpips,ssim,ms-ssim,psnr,depth,silhouette,normals,trunk"
 
 
@@ -64,11 +66,17 @@ def compare(
     sweeps = {sweep.name: sweep.fabrics for sweep in default_sweeps(steps)}
     drawn = FabricPrior.default().sample(range(fabrics), seed)
     simulated = _simulate([*drawn, *chain.from_iterable(sweeps.values())], plan)
-    left_out = [{"fabric": k, "reason": s.failure} for k, s in enumerate(simulated) if s.failure]
+    names = [
+        *(f"fabric {k}" for k in range(fabrics)),
+        *(f"sweep {name}, step {k + 1}" for name, own in sweeps.items() for k in range(len(own))),
+    ]
+    left_out = [{"fabric": name, "reason": s.failure} for name, s in zip(names, simulated, strict=True) if s.failure]
     for lost in left_out:
-        console.note(f"fabric {lost['fabric']} is left out: {lost['reason']}")
+        console.note(f"{lost['fabric']} is left out: {lost['reason']}")
     rest = iter(simulated[fabrics:])
     swept = {name: [f for f in islice(rest, len(own)) if not f.failure] for name, own in sweeps.items()}
+    for name in [name for name, own in swept.items() if len(own) < FEWEST_ORDERED]:
+        console.note(f"sweep {name} is left out: {len(swept.pop(name))} of its fabrics came to rest, too few")
     scores = _scores(chosen, [f for f in simulated[:fabrics] if not f.failure], swept, seed)
     document = {
         "fabrics": fabrics,
@@ -123,7 +131,7 @@ def _scores(
             sets = {name: [f.scenes for f in renders] for name, renders in sweeps.items()}
             scenes = [f.scenes for f in fabrics]
             found.append(score_backend(backend, scenes, sets, seed=seed, on_done=bar.advance))
-    return sorted(found, key=lambda s: -s.self_nearest - sum(s.monotone.values()) / len(s.monotone))
+    return sorted(found, key=lambda s: -s.self_nearest - sum(s.monotone.values()) / max(1, len(s.monotone)))
 
 
 def _row(score: BackendScore) -> dict[str, Any]:

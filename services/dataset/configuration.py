@@ -30,7 +30,7 @@ ADDED_LATER: Mapping[str, Any] = MappingProxyType({"simulator": [], "pin_radius_
 """Settings that stores of earlier versions do not state, and what they were made with."""
 
 FULL_SHARD = 32
-"""Simulations of a shard in large sweeps: with 11 pictures each about 10 MB and a minute or two of work."""
+"""Simulations of a shard in large sweeps: with 11 pictures each about 6 MB and a minute of work."""
 
 GPU_SHARD = 256
 """The same where a shard is solved at once on a GPU."""

@@ -163,7 +163,7 @@ def _sqlite_engine(url: URL) -> Engine:
     def configure(connection: sqlite3.Connection, _record: Any) -> None:
         connection.isolation_level = None  # the driver begins nothing by itself
         _write_ahead(connection)
-        for pragma in ("synchronous=NORMAL", "foreign_keys=ON"):
+        for pragma in ("synchronous=FULL", "foreign_keys=ON"):  # what was answered stays, whatever the power does
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")

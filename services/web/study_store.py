@@ -20,9 +20,11 @@ EXPERIENCES = ("", "none", "some", "professional")
 
 @dataclass(frozen=True)
 class ExportedAnswer:
-    """One raw answer with all that was known when it was given."""
+    """One raw answer with all that was known when it was given; ``participant`` is a number within the study, not the
+    identifier with which answers may be changed.
+    """
 
-    participant: str
+    participant: int
     simulated: bool
     experience: str
     position: int
@@ -201,7 +203,7 @@ class StudyStore:
         reference, left, right, *repeats = entry.participant.questions[entry.row.position]
         names = [f.name for f in self.fabrics]
         return ExportedAnswer(
-            participant=entry.participant.id,
+            participant=entry.participant.place,
             simulated=entry.participant.simulated,
             experience=entry.participant.experience,
             position=entry.row.position,

@@ -225,9 +225,21 @@ def test_a_page_that_was_open_for_days_answers(page: Any, served: tuple[str, Stu
     assert exported.milliseconds == 86_400_000
 
 
-def test_an_address_of_nobody(page: Any, served: tuple[str, StudyStore]) -> None:
+@pytest.mark.parametrize("added", ["%20", "\u201d", "/", "?utm=1"])
+def test_what_a_mail_adds_to_an_address_is_passed_over(page: Any, added: str) -> None:
+    begin(page)
+    page.keyboard.press("ArrowLeft")
+    expect_question(page, 2)
+    address = page.url
     page.goto("about:blank")
-    page.goto(served[0] + "#part_0")
+    page.goto(address + added)
+    expect_question(page, 2)
+
+
+@pytest.mark.parametrize("nobody", ["part_0", "part_" + 32 * "0", "x" * 90])
+def test_an_address_of_nobody(page: Any, served: tuple[str, StudyStore], nobody: str) -> None:
+    page.goto("about:blank")
+    page.goto(f"{served[0]}#{nobody}")
     page.wait_for_selector("#trouble:not([hidden])")
     assert "no participant" in page.inner_text("#trouble")
     assert page.is_visible("#welcome") and page.inner_text("#study-name") == "Pilot study"

@@ -15,6 +15,7 @@ from PIL import Image
 from metric.agreement import rank_correlations
 from metric.draping import DrapeRequest, RequestResult
 from metric.library import LibraryFabric
+from metric.orderings import default_sweeps
 from metric.render import DrapeRender
 from metric.simulate import SimulationPlan, samples_apart
 from services.cli.main import run
@@ -81,7 +82,13 @@ def test_a_study_with_photographs_and_simulated_observers(folder: Path, capsys: 
     points = (np.array(truth), np.array(found["embedding"]["points"]))
     distances = [np.linalg.norm(p[:, None] - p[None], axis=2) for p in points]
     assert np.mean(rank_correlations(*distances)) > 0.85
-    assert set(found["metrics"]) == {"parameters"}
+    assert set(found["metrics"]) == {"parameters", "parameters_values"}
+    assert found["settings"] == {
+        "seed": 0, "bootstrap": 20, "simulations": 5, "resolution": 0.01, "library": None,
+    }  # fmt: skip
+    given = document(capsys, "study", "analyse", study, "--simulated", "--backends", "", "--bootstrap", "0",
+                     "--library", str(other_parameters(folder)))  # fmt: skip
+    assert given["metrics"]["parameters"]["mean"] != found["metrics"]["parameters"]["mean"]
     low, high = found["metrics"]["parameters"]["interval_95"]
     assert -1 <= low < high <= 1
     assert (out / "embedding.png").stat().st_size > 1000
@@ -91,8 +98,17 @@ def test_a_study_with_photographs_and_simulated_observers(folder: Path, capsys: 
     assert document(capsys, "study", "export", study, "--out", str(exported))["answers"] == 400
     rows = list(csv.DictReader(exported.open()))
     assert len(rows) == 400
+    assert {int(r["participant"]) for r in rows} == set(range(20))  # by number: the identifiers open their answers
     assert {r["simulated"] for r in rows} == {"True"}
     assert {r["reference"] for r in rows} == {f"fabric-{k}" for k in range(8)}
+
+
+def other_parameters(folder: Path) -> Path:
+    """The study's fabrics with the parameters of others."""
+    path = folder / "estimated.json"
+    fabrics = FabricPrior.default().sample(range(8, 16), seed=0)
+    path.write_text(json.dumps([{"id": f"fabric-{k}", **fabric.as_dict()} for k, fabric in enumerate(fabrics)]))
+    return path
 
 
 def test_photographs_are_scaled_and_stripped(folder: Path) -> None:
@@ -275,7 +291,7 @@ def test_a_fabric_that_cannot_be_simulated_is_named_and_the_others_are_analysed(
     found = json.loads(said.out)
     assert "no metric is compared with people on fabric-3: 2 of 4 simulations did not come to rest" in said.err
     assert [lost["fabric"] for lost in found["left_out"]] == ["fabric-3"]
-    assert set(found["metrics"]) == {"parameters", "depth"}
+    assert set(found["metrics"]) == {"parameters", "parameters_values", "depth"}
     for score in found["metrics"].values():
         assert [k for k, value in enumerate(score["per_fabric"]) if value is None] == [3]
         assert score["interval_95"] is not None and 0 <= score["answers_predicted"] <= 1
@@ -288,6 +304,20 @@ def test_a_fabric_that_cannot_be_simulated_is_named_and_the_others_are_analysed(
     assert "no metric is compared with people: of 8 fabrics 2 could be simulated" in said.err
     assert found["metrics"] == {} and len(found["left_out"]) == 6
     assert found["agreement"]["questions"] >= 5 and len(found["embedding"]["points"]) == 8
+
+
+def test_a_comparison_names_what_is_lost_and_goes_on_without_a_short_sweep(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sweeps = {sweep.name: sweep.fabrics for sweep in default_sweeps(3)}
+    monkeypatch.setattr("metric.simulate.run_request", losing([sweeps["density"][1]]))
+    compared = ["study", "compare", "--backends", "depth", "--fabrics", "3", "--steps", "3", *SMALL, "--json"]
+    assert run(compared) == 0
+    said = capsys.readouterr()
+    found = json.loads(said.out)
+    assert [lost["fabric"] for lost in found["left_out"]] == ["sweep density, step 2"]
+    assert "sweep density is left out: 2 of its fabrics came to rest" in said.err
+    assert set(found["scores"][0]["monotone"]) == {"bending", "stretch"}
 
 
 def test_a_study_names_the_fabrics_that_cannot_be_simulated(monkeypatch: pytest.MonkeyPatch) -> None:

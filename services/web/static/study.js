@@ -1,13 +1,15 @@
 "use strict";
 
-// The participant's identifier stands in the address after "#": the address resumes the study.
+// The participant's identifier stands in the address after "#": the address resumes the study, whatever a mail added.
 
 const byId = (id) => document.getElementById(id);
 const SECTIONS = ["welcome", "question", "thanks"];
 const LONGEST_MS = 86_400_000; // a page may be left open for days
 const LONGEST_DOUBLE_MS = 500; // systems count two clicks within so long as a double one
 
-let participant = location.hash.slice(1);
+const inAddress = () => (location.hash.match(/part_[0-9a-f]{32}/) ?? [""])[0];
+
+let participant = inAddress();
 let total = 0;
 let position = null;
 let shownAt = 0;
@@ -139,6 +141,7 @@ async function open() {
   byId("study-name").textContent = study.name;
   byId("question-count").textContent = study.questions;
   if (participant) await goOn();
+  else if (location.hash.length > 1) throw new Nobody();
   else show("welcome");
 }
 
@@ -165,7 +168,7 @@ document.addEventListener("keydown", (event) => {
 });
 // Another participant's address: nothing of this one's question may be left, whatever is under way.
 window.addEventListener("hashchange", async () => {
-  participant = location.hash.slice(1);
+  participant = inAddress();
   position = null;
   show(null);
   await running;
