@@ -286,7 +286,7 @@ class Effect:
         try:
             changed: object = self.change(scene, size)
         except DrapemeterError as error:
-            if self.name in str(error):
+            if re.search(rf"\b{self.name}\b", str(error)):
                 raise
             shown = ", ".join(f"{name} {value:g}" for name, value in size.items())
             raise type(error)(f"effect {self.name} of {shown}: {error}", code=error.code) from error

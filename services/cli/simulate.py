@@ -151,9 +151,9 @@ def build_scene(
         if effect.stage in (Stage.CAMERA, Stage.SENSOR) and not pictured:
             console.note(f"effect {effect.name} changes the picture alone: ask for one with --depth")
         seen.add(effect.name)
+        before, changed = changed, effect.apply(changed, size)
         if said := completed(effect, text, size):
             console.note(f"effect {effect.name}: {said}")
-        before, changed = changed, effect.apply(changed, size)
         if changed == before and any(size[name] != 0.0 for name in effect.components):
             console.note(f"effect {effect.name} changes nothing in {setup.scene.value}")
     return nominal, changed

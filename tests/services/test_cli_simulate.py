@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from capture.capture_set import CaptureSet
+from diagnosis.effects import parse_effect
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from renderer.depth_png import read_depth_png
 from renderer.ply import read_ply
 from services.cli import main
+from services.cli.simulate import completed
 
 FABRIC = {
     "stretch_warp": 1000.0,
@@ -208,3 +210,21 @@ def test_a_plate_that_cannot_be_is_told(tmp_path: Path, capsys: pytest.CaptureFi
     assert main.run(command(path, tmp_path / "o.ply")) == 0
     told = capsys.readouterr().err
     assert "bending_bias of 1e-08" in told and "simulated with 0.0002" in told
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("crease=1.2", "magnitude 1.2, down 1, position 0.5"),
+        ("crease=down:0", "magnitude 0.866, down 0, position 0.5"),
+        ("rest_curvature=magnitude:6,warp:1", "magnitude 6, weft 0, warp 1"),
+        ("camera_translation=0.01", "tx 0.01, ty 0, tz 0 [m]"),
+        ("camera_translation=tx:0.01", ""),
+        ("crease=magnitude:1,down:1,position:0.5", ""),
+        ("bending_hysteresis=magnitude:10", ""),  # its seed is chance
+        ("air_draft=0.3", ""),
+    ],
+)
+def test_a_size_that_was_completed_is_told(text: str, said: str) -> None:
+    effect, size = parse_effect(text)
+    assert completed(effect, text, size) == said
