@@ -255,7 +255,8 @@ class Effect:
         Raises:
             InputError: at none of them.
         """
-        own = {key: size.get(key, at) for key, at in self.places[0].items()}
+        whole = size if self.places[0].keys() <= size.keys() else self.size(size)
+        own = {key: whole[key] for key in self.places[0]}
         for number, place in enumerate(self.tried):
             if all(own[key] == at for key, at in place.items()):
                 return number
@@ -298,6 +299,7 @@ class Effect:
                 code="effect_file",
             ) from error
         if scene.setup.pins_m != pins:
+            scene.setup.pins_m.clear()
             scene.setup.pins_m.update(pins)
             raise InputError(
                 f"effect {self.name}: its change moves the pins of the very scene that it is given: leave that as it "

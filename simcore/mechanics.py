@@ -162,8 +162,12 @@ class FrozenCurvature:
 
     def __post_init__(self) -> None:
         _check_numbers("a frozen curvature [1/m]", LARGEST_CURVATURE_1_M, self.amplitude)
-        _check_width(self.wavelength_m, "a frozen curvature's waves")
-        if self.seed < 0 or self.seed != int(self.seed):
+        if not LEAST_WIDTH_M <= self.wavelength_m < math.inf:
+            raise InputError(
+                f"the waves of a frozen curvature, {self.wavelength_m:g} m, must be {LEAST_WIDTH_M:g} m or longer",
+                code="mechanics",
+            )
+        if not 0 <= self.seed < math.inf or self.seed != int(self.seed):
             raise InputError(
                 f"the seed of a frozen curvature must be a whole number, 0 or more, not {self.seed}", code="mechanics"
             )

@@ -112,7 +112,7 @@ def _noise_to_state(diagnosis: Diagnosis) -> list[str]:
     (noise_m, at_m), more_m = next(iter(stated)), added[0]
     return [
         f"Together that is sensor.range_noise_m {math.hypot(noise_m, more_m):.3g} with sensor.at_m {at_m:.3g}: "
-        f"{1e3 * noise_m:.3g} mm as stated, {1e3 * more_m:.3g} mm more as found."
+        f"{1e3 * noise_m:.3g} mm at that distance by what is stated, {1e3 * more_m:.3g} mm more as found."
     ]
 
 

@@ -94,7 +94,7 @@ def sweep(
     """Run the sweep under a progress bar and print its summary."""
     from services.dataset.cluster import CLUSTER_LOST
     from services.dataset.sweep import run_sweep
-    from services.dataset.worker import WORKER_MACHINE
+    from services.dataset.worker import DISK_FULL, WORKER_MACHINE
 
     with console.progress("simulations", total=configuration.layout.simulations) as bar:
         watch = Watch(bar)
@@ -118,7 +118,7 @@ def sweep(
                 raise
             raise StoreError(f"{error}; what is done is kept, --resume does the rest", code=error.code) from error
         except MissingResourceError as error:
-            if error.code in (CLUSTER_LOST, WORKER_MACHINE):
+            if error.code in (CLUSTER_LOST, WORKER_MACHINE, DISK_FULL):
                 console.note(f"{out}: what is done is kept; the same command with --resume goes on")
             raise
     if json_output:

@@ -73,8 +73,8 @@ def _of_another_rig(made: SimulatorExtension, scenes: list[SimulationScene]) -> 
     stated = {scene.sensor.range_noise_m for scene in scenes}
     if "range_noise" in names and max(stated) > 0.0:
         yield (
-            f"range_noise comes on top of the {_listed(stated)} mm that the captures' sensor was stated to have, which "
-            "simulated pictures lack"
+            f"range_noise comes on top of the {_listed(stated)} mm that the captures' sensor has at the panel by what "
+            "is stated, which simulated pictures lack"
         )
     noise = {(nominal.sensor.at_m / scene.sensor.at_m) ** 2 for scene in scenes}
     if "range_noise" in names and any(abs(share - 1.0) > ALIKE for share in noise):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from renderer.store import RowStatus
@@ -228,6 +228,8 @@ class Dispatcher:
             return
         slot.done += 1
         slot.solves = word.solves
+        if word.found and self._shard_deaths[slot.shard]:  # by a worker of this run, which was lost before it said so
+            word = replace(word, found=False)
         self._listen(word)
 
     def _lacked_memory(self, shard: int, error: OutOfMemoryError) -> None:

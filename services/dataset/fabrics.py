@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.effects import get_effect
 from diagnosis.extension import AppliedEffect, SimulatorExtension
 from services.dataset.configuration import SweepConfiguration, digest
 from services.dataset.extension import check_effects
@@ -90,13 +91,24 @@ def plan_sweep(
         design=kind,
         ranges=ranges,
         fabrics_digest="" if listed is None else digest(listed),
-        simulator=extension.effects,
+        simulator=tuple(_whole(effect) for effect in extension.effects),
         pin_radius_m=extension.pin_radius_m,
         **settings,
     )
     _ = configuration.mesh  # an unusable resolution is told now
     check_effects(configuration)
     return configuration, _table(configuration, listed)
+
+
+def _whole(effect: AppliedEffect) -> AppliedEffect:
+    """With the whole of a place that is given in part: stores say what was simulated, not what it was called."""
+    known = get_effect(effect.name)
+    given = effect.size.keys() & known.places[0].keys()
+    return (
+        effect
+        if len(given) in (0, len(known.places[0]))
+        else effect.model_copy(update={"size": {**known.size(effect.size)}})
+    )
 
 
 def _table(configuration: SweepConfiguration, listed: NDArray[np.float64] | None) -> FabricTable:

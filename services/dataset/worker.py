@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from renderer.atomic import NO_ROOM
 from renderer.store import RowStatus, ShardRows, StoreWriter
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.shard import ShardTask, shard_requests, simulate_shard
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 WORKER_MACHINE = "worker_machine"
 """Code of a machine that cannot simulate."""
+DISK_FULL = "no_room"
+"""Code of one whose disk is full, for which a job waits."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,10 @@ class ShardWorker:
                 "by side"
             ) from error
         except (OSError, ImportError, MissingResourceError) as error:
+            if isinstance(error, OSError) and error.errno in NO_ROOM:
+                raise MissingResourceError(
+                    f"no room is left on a disk of {socket.gethostname()}: make room, in TMPDIR for one", code=DISK_FULL
+                ) from error
             raise MissingResourceError(
                 f"the worker on {socket.gethostname()} cannot simulate ({type(error).__name__}: {error}): mend that "
                 "machine, or leave it out",

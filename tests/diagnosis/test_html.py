@@ -84,7 +84,8 @@ def test_of_noise_what_is_to_be_stated_is_all_of_it() -> None:
     told = report("range_noise")
     effect = told.cause.effects[0].model_copy(update={"magnitude": 0.00335})
     told = told.model_copy(update={"cause": told.cause.model_copy(update={"effects": (effect,)})})
-    assert "sensor.range_noise_m 0.0035 with sensor.at_m 1.2: 1 mm as stated, 3.35 mm more as found" in advised(told)
+    said = "sensor.range_noise_m 0.0035 with sensor.at_m 1.2: 1 mm at that distance by what is stated, 3.35 mm more"
+    assert said in advised(told)
     assert "sensor.at_m" not in advised(report("quantisation"))
 
 

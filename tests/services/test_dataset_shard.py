@@ -101,17 +101,23 @@ def test_a_shard_that_is_stored_is_passed_over(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "fault", [OSError(28, "No space left on device"), ImportError("no such library"), MissingResourceError("no oneMKL")]
+    ("fault", "code", "said"),
+    [
+        (OSError(28, "No space left on device"), "no_room", "make room"),
+        (OSError(24, "Too many open files"), "worker_machine", "Too many open files"),
+        (ImportError("no such library"), "worker_machine", "no such library"),
+        (MissingResourceError("no oneMKL"), "worker_machine", "no oneMKL"),
+    ],
 )
-def test_what_the_machine_lacks_is_no_row(fault: Exception, tmp_path: Path) -> None:
+def test_what_the_machine_lacks_is_no_row(fault: Exception, code: str, said: str, tmp_path: Path) -> None:
     """Every simulation would be one. The machine is named."""
     prepare_store(str(tmp_path / "s.zarr"), CONFIGURATION, resume=False)
     worker = ShardWorker(str(tmp_path / "s.zarr"), CONFIGURATION)
     worker._writer, worker._solver = StoreWriter.open(tmp_path / "s.zarr"), StubSolver(fault)
     with pytest.raises(MissingResourceError) as caught:
         list(worker.run(ShardTask(0, FABRICS.parameters([0, 0, 1]), {})))
-    assert caught.value.code == "worker_machine" and str(fault) in str(caught.value)
-    assert socket.gethostname() in str(caught.value)
+    assert caught.value.code == code
+    assert said in str(caught.value) and socket.gethostname() in str(caught.value)
     assert not Store.open(tmp_path / "s.zarr").complete.any()
 
 

@@ -135,6 +135,14 @@ def test_effects_of_every_stage_reach_the_simulation_and_its_pictures() -> None:
     assert frozen[0] != frozen[1], "each handling leaves another curvature"
 
 
+def test_a_store_says_the_whole_of_a_place_that_was_given_in_part() -> None:
+    """What a part means is not for later versions to decide of a store that is there."""
+    given = [{"magnitude": 6.0, "warp": 1.0}, {"magnitude": 6.0}, {"magnitude": 6.0, "weft": 0.0, "warp": 1.0}]
+    effects = [AppliedEffect(name="rest_curvature", size=size) for size in given]
+    stored = [plan_sweep(materials=1, simulator=[effect])[0].simulator[0].size for effect in effects]
+    assert stored == [given[2], given[1], given[2]]
+
+
 def test_magnets_hold_as_the_file_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, store = tmp_path / "simulator.json", tmp_path / "s.zarr"
     SimulatorExtension(effects=(), pin_radius_m=0.0).save(file)

@@ -344,6 +344,8 @@ def test_putting_up_ends_where_no_shift_makes_the_hessian_positive(monkeypatch: 
         (lambda: EdgeCurl(10.0, width_m=30.0), ("strip", "30 m", "to 5 m")),
         (lambda: EdgeCurl(10.0, edges="left"), ("tuple of names", "'left'")),  # type: ignore[arg-type]
         (lambda: FrozenCurvature(10.0, seed=-1), ("seed", "-1")),
+        (lambda: FrozenCurvature(10.0, seed=math.nan), ("whole number", "nan")),  # type: ignore[arg-type]
+        (lambda: FrozenCurvature(10.0, wavelength_m=0.001), ("waves", "0.0025")),
         (lambda: FrozenCurvature(10.0, seed=1.5), ("whole number", "1.5")),  # type: ignore[arg-type]
         (lambda: Mechanics(rest_curvature=EdgeCurl(10.0)), ("tuple of fields",)),  # type: ignore[arg-type]
         (lambda: Mechanics(stiffening_strain=1e-200), ("stiffening", "positive")),
