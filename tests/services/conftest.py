@@ -61,3 +61,22 @@ def database(tmp_path: Path) -> Iterator[Database]:
     upgrade(opened)
     yield opened
     opened.close()
+
+
+@pytest.fixture(scope="session")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store of analytic cloth."""
+    from tests.services.analytic_store import make_store
+
+    return make_store(tmp_path_factory.mktemp("store") / "s.zarr")
+
+
+@pytest.fixture(scope="session")
+def model(store: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model that `drapemeter train` made of it."""
+    from services.cli import main
+    from tests.services.analytic_store import QUICK
+
+    folder = tmp_path_factory.mktemp("trained") / "model"
+    assert main.run(["train", "--store", str(store), "--out", str(folder), *QUICK]) == 0
+    return folder
