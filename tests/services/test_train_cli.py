@@ -75,6 +75,7 @@ def test_an_interrupted_training_closes_its_events(
 
 def test_bad_input_is_told_in_one_line(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, here = str(tmp_path / "new"), str(tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
     cases = [
         (["train", "--store", str(tmp_path / "no.zarr"), "--out", out], "no.zarr"),
         (["train", "--store", here, "--out", out, "--epochs", "0"], "epoch"),
