@@ -18,7 +18,7 @@ from diagnosis.pages.advice import advice
 from diagnosis.pages.sentence import sentence
 from diagnosis.pages.where_figure import SURE, png_text, where_picture
 from diagnosis.report import FoundEffect
-from diagnosis.shrinkage.held_out import refitted_residual, response_of, sized
+from diagnosis.shrinkage.held_out import Judge, refit, sized
 from diagnosis.shrinkage.seen_depth import seen
 from diagnosis.tasks.fabric_task import CaptureResult, CaptureTask
 
@@ -27,6 +27,8 @@ MOST_PICTURES = 12
 """Six fabrics in both scenes; a page of more would take long to load."""
 REPEATS_SHOW = 1.02
 """Scatter of repeats above the noise floor by more than this is drawn beside it."""
+WITHIN = 0.995
+"""Share of a picture's heights that are told apart by its colours; single wrong readings do not set them."""
 TEXTS = {
     "none": "nothing beyond repeats and stated uncertainties",
     "unknown": "something that no effect that was tried describes",
@@ -120,7 +122,7 @@ def _pictures(diagnosis: Diagnosis) -> list[dict[str, str]]:
         assert capture is not None
         task = next(t for t in result.task.captures if t.id == capture.id)
         block = next(b for b in diagnosis.blocks if b.fabric == capture.fabric and b.scene == scene)
-        data = _picture(task, capture, _after(diagnosis, capture), _maps(block, diagnosis.cause))
+        data = _picture(task, capture, _after(diagnosis, capture), _maps(block, diagnosis))
         pictures.append({"title": capture.id, "data": data})
     return pictures
 
@@ -140,18 +142,20 @@ def _shifts(cause: Cause) -> bool:
     return any(not get_effect(name).random_repeats for name in cause.named)
 
 
-def _maps(block: Block, cause: Cause) -> list[tuple[str, NDArray[np.float64]]]:
+def _maps(block: Block, diagnosis: Diagnosis) -> list[tuple[str, NDArray[np.float64]]]:
     """Difference in each cell of the cloth of the first capture, parameters refitted [mm], without and with the effect.
 
-    Maps are [cells, cells], row by row down the sample, whatever its shape in the picture.
+    Simulated afresh as the picture beside it is, where that comes to rest. Maps are [cells, cells], row by row down the
+    sample, whatever its shape in the picture.
     """
-    response = response_of(block, cause)
+    cause = diagnosis.cause
+    response = Judge(diagnosis.looks).response(block, sized(cause))
     shown = [("left over without an effect [mm]", np.zeros_like(response))]
     if _shifts(cause):
         shown.append((f"with {' and '.join(cause.named)} [mm]", response))
     maps = []
     for title, taken in shown:
-        left, _ = refitted_residual(block, taken)
+        left = refit(block, taken).left
         own = (block.owner == 0) & (block.cell < CELLS * CELLS)
         table = np.full(CELLS * CELLS, np.nan)
         table[block.cell[own]] = -1e3 * left[own]
@@ -176,11 +180,14 @@ def _picture(
     def height(picture: NDArray[np.float32]) -> NDArray[np.float64]:
         return 1e3 * heights(picture, task.scene)[window]
 
-    plain = height(found.reference.depth)
-    low, high = min(0.0, float(np.nanmin(plain))), float(np.nanmax(plain))
-    shown = [(height(task.depth), "capture, height [mm]"), (plain, "simulation without effect [mm]")]
+    shown = [
+        (height(task.depth), "capture, height [mm]"),
+        (height(found.reference.depth), "simulation without effect [mm]"),
+    ]
     if after is not None:
         shown.append((height(after), "simulation with what was found [mm]"))
+    ends = np.array([np.nanquantile(values, (1.0 - WITHIN, WITHIN)) for values, _ in shown])
+    low, high = min(0.0, float(ends.min())), float(ends.max())
     figure = Figure(figsize=(4.0 * (len(shown) + 1 + len(maps)), 4), layout="constrained")
     axes: Any = figure.subplots(1, len(shown) + 1 + len(maps))
     for axis, (values, title) in zip(axes, shown, strict=False):

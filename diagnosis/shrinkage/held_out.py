@@ -40,7 +40,7 @@ class Judge:
         workers: that simulate fabrics side by side.
     """
 
-    looks: dict[str, FreshLook]
+    looks: Mapping[str, FreshLook]
     workers: Workers = ALONE
 
     def prepare(self, blocks: Sequence[Block], effects: Mapping[str, Sequence[Sized]]) -> None:
@@ -108,11 +108,6 @@ def sized(cause: Cause) -> list[Sized]:
     return [(name, cause.size(name)) for name in cause.named]
 
 
-def response_of(block: Block, cause: Cause) -> Array:
-    """Whitened response of a block to the named effects at their fitted sizes, [n]."""
-    return whitened(block, [(n, s) for n, s in sized(cause) if not get_effect(n).random_repeats])
-
-
 def whitened(block: Block, effects: Sequence[Sized]) -> Array:
     """Whitened response of a block to effects at some sizes, as far as it is known without a simulation, [n]."""
     own = {name: size for name, size in effects if not get_effect(name).random_repeats}
@@ -144,12 +139,6 @@ def refit(block: Block, response: Array) -> Refit:
     spread = np.eye(len(residual)) - block.jacobian.T @ gain
     variance = np.einsum("ij,jk,ik->i", spread, covariance, spread, optimize=True)
     return Refit(np.asarray(residual - block.jacobian.T @ deviation), variance, np.asarray(deviation))
-
-
-def refitted_residual(block: Block, response: Array) -> tuple[Array, Array]:
-    """What is left in metres after a (whitened) response and a refit, and its expected variance without any effect."""
-    found = refit(block, block.metres(response))
-    return found.left, found.variance
 
 
 @dataclass(frozen=True)

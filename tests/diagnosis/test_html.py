@@ -16,7 +16,7 @@ from diagnosis.gap.where import where_gaps
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.pages.advice import CORRECTED, KIND_CHECKS, MODELLED, REGION_CHECKS, STAGE_CHECKS, advice, strongest
-from diagnosis.pages.html import _after, _bars, render_html, size_text
+from diagnosis.pages.html import _after, _bars, _maps, render_html, size_text
 from diagnosis.pages.sentence import sentence
 from diagnosis.remedies import KNOWN
 from diagnosis.report import CauseReport, CostReport, FoundEffect, Gap, GapReport, RegionGap, Shrinkage
@@ -373,3 +373,19 @@ def test_the_picture_with_what_was_found_shows_it_or_is_left_out(top: str) -> No
         assert after is not None and (after > flat).all()
     else:
         assert after is None
+
+
+def test_maps_show_what_was_simulated_afresh(made: Diagnosis) -> None:
+    """As the picture beside them does; here it changes nothing, whatever the table of responses says."""
+    block = made.blocks[0]
+    captures = [SimpleNamespace(id=name, base=None) for name in block.captures]
+    look = SimpleNamespace(
+        result=SimpleNamespace(captures=captures),
+        drape=lambda *_: SimpleNamespace(drape=SimpleNamespace(ok=True)),
+        change=lambda *_: np.zeros(int(block.cell.max()) + 1),
+    )
+    afresh: Any = {block.fabric: look}
+    assert made.cause.named
+    for looks, alike in (({}, False), (afresh, True)):
+        (_, without), (_, found) = _maps(block, replace(made, looks=looks))
+        assert np.array_equal(without, found, equal_nan=True) is alike
