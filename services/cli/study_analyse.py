@@ -121,7 +121,7 @@ def _evaluate(
 
     count = len(store.fabrics)
     found = embed(answer_array(answers), count, seed=plan.seed)
-    matrices, left_out = _matrices(store, backends, plan, given)
+    matrices, left_out, made = _matrices(store, backends, plan, given)
     scores = metric_agreement(matrices, answers, count, bootstrap=bootstrap, seed=plan.seed) if matrices else {}
     return {
         "participants": len({a.participant for a in answers}),
@@ -133,14 +133,16 @@ def _evaluate(
             "log_likelihood": found.log_likelihood,
         },
         "metrics": scores,
+        "backends": made,
         "left_out": left_out,
     }
 
 
 def _matrices(
     store: StudyStore, names: Sequence[str], plan: SimulationPlan, given: Mapping[str, FabricParameters]
-) -> tuple[dict[str, NDArray[np.float64]], list[LeftOut]]:
-    """Distance matrices by every metric, none where parameters are unknown; and what could not be simulated.
+) -> tuple[dict[str, NDArray[np.float64]], list[LeftOut], dict[str, str]]:
+    """Distance matrices by every metric, none where parameters are unknown; what could not be simulated; and by each
+    name what it stands for.
 
     All metrics are compared on the same fabrics: every matrix has NaN in the row and the column of one that could not
     be simulated.
@@ -158,12 +160,13 @@ def _matrices(
         console.note(
             f"no metric is compared with people: parameters are unknown of {', '.join(unknown)}; --library gives them"
         )
-        return {}, []
+        return {}, [], {}
     chosen = {name: get_backend(name) for name in names}
     fabrics = [known[fabric.name] for fabric in store.fabrics]
     found = _of_parameters(fabrics)
     if not chosen:
-        return found, []
+        return found, [], {}
+    made = {name: backend.name for name, backend in chosen.items()}
     caches = metric_caches()
     simulated = _simulate(fabrics, plan, caches.renders)
     left_out = [
@@ -177,12 +180,12 @@ def _matrices(
             f"no metric is compared with people: of {len(fabrics)} fabrics {len(kept)} could be simulated; try another "
             "--seed or a finer --resolution"
         )
-        return {}, left_out
+        return {}, left_out, made
     found = {name: _over(kept, matrix[kept][:, kept], len(fabrics)) for name, matrix in found.items()}
     for name, backend in chosen.items():
         tables = pair_tables([simulated[k].scenes for k in kept], backend, cache=caches.features)
         found[name] = _over(kept, tables.distances(), len(fabrics))
-    return found, left_out
+    return found, left_out, made
 
 
 def _of_parameters(fabrics: Sequence[FabricParameters]) -> dict[str, NDArray[np.float64]]:

@@ -107,7 +107,7 @@ def _whole(effect: AppliedEffect) -> AppliedEffect:
     return (
         effect
         if len(given) in (0, len(known.places[0]))
-        else effect.model_copy(update={"size": {**known.size(effect.size)}})
+        else effect.model_copy(update={"size": known.size(effect.size)})
     )
 
 

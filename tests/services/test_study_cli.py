@@ -292,6 +292,7 @@ def test_a_fabric_that_cannot_be_simulated_is_named_and_the_others_are_analysed(
     assert "no metric is compared with people on fabric-3: 2 of 4 simulations did not come to rest" in said.err
     assert [lost["fabric"] for lost in found["left_out"]] == ["fabric-3"]
     assert set(found["metrics"]) == {"parameters", "parameters_values", "depth"}
+    assert found["backends"] == {"depth": "depth"}
     for score in found["metrics"].values():
         assert [k for k, value in enumerate(score["per_fabric"]) if value is None] == [3]
         assert score["interval_95"] is not None and 0 <= score["answers_predicted"] <= 1
