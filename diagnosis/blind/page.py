@@ -28,6 +28,7 @@ AIMS = (
     ("magnitude_inside", "magnitude inside its 90 % interval", "0.85 to 0.95"),
     ("top1_strict", "effect named right, groups not counted as one", ""),
     ("shrinkage_covered", "share closed on further, sealed captures inside the stated 90 % interval", "0.85 to 0.95"),
+    ("covered_below_one", "the same of shares below 1, above which none lies", ""),
 )
 
 TRAINED = (

@@ -65,6 +65,7 @@ class Score:
     shrinkage: float
     shrinkage_relative: float
     shrinkage_covered: Share
+    covered_below_one: Share
     control: float
     parameter_error: tuple[float, float, float]
     top1_strict: Share
@@ -84,7 +85,8 @@ def score(answers: Sequence[Answer]) -> Score:
     controls = [a.report["shrinkage"]["control"]["fraction"] for a in right if a.report["shrinkage"]]
     checked = [a.report["verified"] for a in named if a.report.get("verified")]
     relative = [v["fraction"] / v["true_fraction"] for v in checked if v["true_fraction"] > LEAST_FRACTION]
-    covered = [v["covered"] for v in checked if v["covered"] is not None]
+    told = [v for v in checked if v["covered"] is not None]
+    below = [v for v in told if v["fraction"] < 1.0]
     errors = [a.report["verified"]["parameter_error"] for a in right if a.report.get("verified")]
     known = np.array([e for e in errors if e is not None])
     single = [a for a in answers if a.kind in ("named", "none", "wrong_parameter")]
@@ -107,7 +109,8 @@ def score(answers: Sequence[Answer]) -> Score:
         magnitude_error=float(np.median([error for error, _ in sizes])) if sizes else float("nan"),
         shrinkage=_median(fractions),
         shrinkage_relative=_median(relative),
-        shrinkage_covered=Share(sum(covered), len(covered)),
+        shrinkage_covered=Share(sum(v["covered"] for v in told), len(told)),
+        covered_below_one=Share(sum(v["covered"] for v in below), len(below)),
         control=_median(controls),
         parameter_error=(_median(known[:, 0]), _median(known[:, 1]), _median(known[:, 2]))
         if len(known)

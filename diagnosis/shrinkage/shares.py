@@ -44,20 +44,26 @@ def interval_of(rows: Array, middle: Middle = root_mean_squares) -> Interval:
     """90 % interval of a fraction on other captures, from rows by block: from -1 to 1 where there is one alone.
 
     A bootstrap's, widened as Student's t is against a normal distribution: it rests on few blocks; and by what other
-    captures may leave otherwise.
+    captures may leave otherwise. Nothing lies above 1: of an interval that ends there, all 10 % lie below it.
     """
     value, count = fraction_of(rows, middle), len(rows)
     if count < 2:
         return min(-1.0, value), max(1.0, value)
     rng = np.random.default_rng(0)
     draws = [fraction_of(rows[rng.integers(0, count, count)], middle) for _ in range(DRAWS)]
-    factor = student.ppf(0.95, count - 1) / norm.ppf(0.95) * np.sqrt(count / (count - 1))
+    high = max(min(1.0, value + _width(rows, middle, draws, 0.95)), value)
+    low = max(-1.0, value - _width(rows, middle, draws, 0.05 if high < 1.0 else 0.1))
+    return min(low, value), high
+
+
+def _width(rows: Array, middle: Middle, draws: Sequence[float], quantile: float) -> float:
+    """From a fraction to that quantile of it on other captures."""
+    value, count = fraction_of(rows, middle), len(rows)
+    few = student.ppf(quantile, count - 1) / norm.ppf(quantile) * np.sqrt(count / (count - 1))
     before, after, floor = middle(rows)
-    others = (_share(before, after * (1.0 + OTHERWISE), floor), _share(before, after / (1.0 + OTHERWISE), floor))
-    edges = np.quantile(draws, [0.05, 0.95])
-    widths = [np.hypot(factor * (e - value), o - value) for e, o in zip(edges, others, strict=True)]
-    low, high = (float(np.clip(edge, -1.0, 1.0)) for edge in (value - widths[0], value + widths[1]))
-    return min(low, value), max(high, value)
+    times = (1.0 + OTHERWISE) ** (norm.ppf(quantile) / norm.ppf(0.95))
+    otherwise = _share(before, after / times, floor)
+    return float(np.hypot(few * (np.quantile(draws, quantile) - value), otherwise - value))
 
 
 def share_with_floors(

@@ -17,7 +17,7 @@ from simcore.parameters import FabricParameters
 
 STARTS = {"hanging": 1, "stretch": 3}
 """Of so many of the nearest states, one after the other, the capture's heights lead on: each may end in other folds."""
-GOOD_ENOUGH_M = {"hanging": 0.003, "stretch": 0.0008}
+GOOD_ENOUGH_M = {"hanging": 0.003, "stretch": 0.0004}
 """A state whose difference from the capture is noise but for this needs no further search."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from diagnosis.shrinkage.shares import OTHERWISE, fraction_of, interval_of, means, share_with_floors
 
@@ -35,6 +36,16 @@ def test_one_block_says_nothing_of_others_and_of_alike_ones_others_leave_a_littl
     assert interval_of(worse)[0] == fraction_of(worse) < -1.0
     more, less = (np.array([[16.0, left**2, 0.25]]) for left in (1.0 + OTHERWISE, 1.0 / (1.0 + OTHERWISE)))
     assert interval_of(np.repeat(row, 4, axis=0)) == pytest.approx((fraction_of(more), fraction_of(less)))
+
+
+def test_nothing_lies_above_one_so_an_interval_that_ends_there_misses_ten_in_a_hundred_below() -> None:
+    rows = np.repeat(np.array([[4.0, 1.05, 1.0]]), 4, axis=0)
+    low, high = interval_of(rows, means)
+    assert high == 1.0
+    tenth = (1.0 + OTHERWISE) ** (norm.ppf(0.9) / norm.ppf(0.95))
+    assert low == pytest.approx((4.0 - 1.05 * tenth) / 3.0)
+    twentieth = interval_of(np.repeat(np.array([[4.0, 1.2, 1.0]]), 4, axis=0), means)
+    assert twentieth[1] < 1.0 and twentieth[0] == pytest.approx((4.0 - 1.2 * (1.0 + OTHERWISE)) / 3.0)
 
 
 def test_a_share_lies_inside_its_interval_nine_times_in_ten() -> None:
