@@ -89,7 +89,7 @@ class TrainedModel:
         except OSError as error:
             raise DrapemeterError(
                 f"{target}: cannot be replaced ({error.strerror}); the new model is in {fresh}",
-                code="model_not_written",
+                code="model_not_replaced",
             ) from error
         return version
 

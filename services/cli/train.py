@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -15,7 +16,7 @@ import typer
 from services import console
 from services.cli.options import JSON
 from services.cli.outputs import check_folder
-from simcore.errors import InputError
+from simcore.errors import DrapemeterError, InputError
 
 if TYPE_CHECKING:
     from trainer.config import TrainConfig
@@ -94,10 +95,30 @@ def train(
         if tensorboard is not None:
             log = stack.enter_context(TensorBoardLog(tensorboard, show, console.note))
         model = run(store, config, earlier, ranks, address, show if log is None else log.report)
-        version = model.save(out)
+        version = save(model, out)
         if log is not None:
             log.finish(model.metrics)
     report(model, out, version, time.monotonic() - started, json_output)
+
+
+def save(model: TrainedModel, out: Path) -> str:
+    """Write the model; where that fails by now, among the temporary files, so that the training is not lost.
+
+    Raises:
+        DrapemeterError: it lies elsewhere, which the message tells, or could be written nowhere.
+    """
+    try:
+        return model.save(out)
+    except DrapemeterError as error:
+        if error.code == "model_not_replaced":  # then it is beside what could not be
+            raise
+        kept = Path(tempfile.mkdtemp(prefix="drapemeter-model-"))
+        try:
+            model.save(kept)
+        except DrapemeterError:
+            kept.rmdir()
+            raise error from None
+        raise DrapemeterError(f"{error}; the trained model is in {kept}", code=error.code) from error
 
 
 def check_out(out: Path) -> None:

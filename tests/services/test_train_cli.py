@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -40,6 +43,29 @@ def test_several_stores_are_learnt_from_together(
     assert document["metrics"]["materials"] == {"train": 11, "calibration": 3, "test": 2}
     meta = json.loads((tmp_path / "m" / "model.json").read_text())
     assert meta["provenance"]["data"]["configuration"]["merged"] == [{"made": "by hand"}] * 2
+
+
+def test_a_model_that_its_disk_has_no_room_for_is_kept_elsewhere(
+    model: Path, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write, spare = Path.write_bytes, tmp_path / "temporary"
+    spare.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(spare))
+
+    def full(path: Path, content: bytes) -> int:
+        if not path.is_relative_to(spare):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    monkeypatch.setattr("services.cli.train.run", lambda *_: load_model(model))
+    asked = ("train", "--store", str(store), "--out", str(tmp_path / "m"), *QUICK)
+    status, said = failure(capsys, *asked)
+    assert status == 1 and "cannot be written (No space left on device)" in said and not (tmp_path / "m").exists()
+    kept = Path(said.split("the trained model is in ")[1].split(" [")[0])
+    assert kept.parent == spare and load_model(kept).version == load_model(model).version
+    spare = tmp_path / "nowhere"
+    assert "is in" not in failure(capsys, *asked)[1] and sorted((tmp_path / "temporary").iterdir()) == [kept]
 
 
 def test_the_model_is_safe_before_the_last_events(

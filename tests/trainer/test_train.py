@@ -130,7 +130,7 @@ def test_a_model_that_cannot_be_replaced_is_kept(
     monkeypatch.setattr(Path, "replace", failing)
     with pytest.raises(DrapemeterError, match="the new model is in") as caught:
         tiny_model.save(tmp_path / "model")
-    assert caught.value.code == "model_not_written"
+    assert caught.value.code == "model_not_replaced"
     new = Path(str(caught.value).split("the new model is in ")[1])
     assert load_model(tmp_path / "model").version == load_model(new).version == version
 
