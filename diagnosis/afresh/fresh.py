@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from diagnosis.effect import Effect, Stage
 from diagnosis.effects import get_effect
 from diagnosis.measurement.features import measure
+from diagnosis.measurement.nearness import nearer, no_further
 from diagnosis.measurement.picture import noise_square, picture_of, state_distance
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import drape_key
@@ -24,8 +25,6 @@ from diagnosis.simulation.responses import Responses
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.variations import clean
 from diagnosis.tasks.fabric_task import (
-    AS_NEAR_AS_BEFORE,
-    AS_NEAR_M,
     BASE_JITTER,
     CaptureResult,
     CaptureTask,
@@ -36,8 +35,6 @@ from simcore.parameters import FabricParameters
 Array = NDArray[np.float64]
 NEAR_ENOUGH_M = 0.0006
 """A state whose difference from the capture is noise but for this needs no further search."""
-NEARER_STATE, NEAR_MARGIN_M = 0.95, 0.0001
-"""A state is taken instead of the one that was found first where it is so much nearer to the capture."""
 WORSE_M = 0.0002
 """An effect with which a capture is further away by more than this may be simulated in the wrong folds."""
 Sized = tuple[str, Mapping[str, float]]
@@ -155,7 +152,7 @@ class FreshLook:
         best = min([first, *(drape for drape, _ in known.values())], key=distance)
         near = distance(best)
         reached = min((d for drape, d in known.values() if drape.key == best.key), default=reached)
-        enough = max(math.sqrt(noise_square(changed) + NEAR_ENOUGH_M**2), AS_NEAR_AS_BEFORE * reached + AS_NEAR_M)
+        enough = max(math.sqrt(noise_square(changed) + NEAR_ENOUGH_M**2), no_further(reached, changed))
         if near > enough and changed.mechanics.friction == 0.0:
             others = [self.simulator.led(capture.base, fabric, changed, depth)]
             if min(near, distance(others[0])) > capture.rms_m + WORSE_M:
@@ -179,13 +176,13 @@ class FreshLook:
         for size, drape, near in known:
             changed = self.seen(capture, [(name, size)])
             for start, so_near in starts:
-                least = NEARER_STATE * near - NEAR_MARGIN_M
+                least = nearer(near, changed)
                 if start.drape.ok and so_near < least:
                     led = self.simulator.proceed(start, self.result.task.parameters, changed)
                     if (left := self._take(capture, changed, led, least)) < near:
                         drape, near = led, left
             _, begun = self.begun.get((capture.id, name), (drape, math.inf))
-            if near < NEARER_STATE * begun - NEAR_MARGIN_M:
+            if near < nearer(begun, self.scene_of(capture)):
                 self.begun[capture.id, name] = (drape, near)
 
     def _known(self, capture: CaptureResult, effects: Sequence[Sized]) -> tuple[KeyedDrape, float]:
@@ -220,7 +217,7 @@ class FreshLook:
         if not shown.drape.ok:
             return False
         left = self.simulator.proceed(shown, self.result.task.parameters, scene)
-        return self._take(capture, scene, left, NEARER_STATE * near - NEAR_MARGIN_M) < math.inf
+        return self._take(capture, scene, left, nearer(near, scene)) < math.inf
 
     def picture(
         self, capture: CaptureResult, effects: Sequence[Sized], fabric: FabricParameters | None = None

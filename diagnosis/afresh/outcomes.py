@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.afresh.fresh import (
-    NEAR_MARGIN_M,
-    NEARER_STATE,
     FreshLook,
     Sized,
     is_mechanical,
@@ -21,6 +19,7 @@ from diagnosis.afresh.fresh import (
 from diagnosis.effect import Effect
 from diagnosis.effects import get_effect
 from diagnosis.measurement.features import measure
+from diagnosis.measurement.nearness import nearer
 from diagnosis.measurement.picture import state_distance
 from diagnosis.simulation.base_state import nearest_state
 from diagnosis.simulation.pose_error import pose_responses
@@ -86,7 +85,7 @@ def _rebased(look: FreshLook, capture: CaptureResult, candidates: Sequence[Sized
     """
     task, scene = look.result.task, look.seen(capture)
     depth = look.task_of(capture).depth
-    best, near = capture.base, NEARER_STATE * capture.rms_m - NEAR_MARGIN_M
+    best, near = capture.base, nearer(capture.rms_m, scene)
     for candidate in candidates:
         shown = look.drape(capture, [candidate])
         left = look.simulator.proceed(shown, task.parameters, scene) if shown.drape.ok else shown
@@ -110,7 +109,7 @@ def _seen_through(look: FreshLook, capture: CaptureResult, cameras: Sequence[Siz
         changed = with_effects(scene, [camera])
         near = min(capture.rms_m, state_distance(depth, capture.base.drape, changed))
         found, reached = nearest_state(look.simulator, task.parameters, changed, depth, [capture.base])
-        if found.drape.ok and reached < NEARER_STATE * near - NEAR_MARGIN_M:
+        if found.drape.ok and reached < nearer(near, changed):
             capture = at_state(look, capture, found, reached)
         else:
             capture = replace(capture, rms_m=near)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.measurement.features import Features, measure
+from diagnosis.measurement.nearness import no_further
 from diagnosis.measurement.picture import noise_square, picture_of
 from diagnosis.measurement.reference import Reference, make_reference
 from diagnosis.scene import SimulationScene
@@ -31,9 +32,6 @@ BASE_JITTER = Jitter(force_weights=1.0, pin_m=0.0, placement_m=0.02)
 BASE_SEEDS = {"hanging": 4, "stretch": 2}
 STATED_DENSITY_SIGMA = 0.02
 """Relative uncertainty of a density that a set states without saying how well it is known."""
-AS_NEAR_AS_BEFORE = 1.1
-AS_NEAR_M = 0.0001
-"""A known state that is as near to a capture as to the repeat that led to it needs no search of its own."""
 
 
 @dataclass(frozen=True)
@@ -257,7 +255,7 @@ def find_state(
     bases = base_states(simulator, task.parameters, capture.scene, mesh)
     if further:
         bases += further_states(simulator, task.parameters, capture.scene, mesh)
-    enough = {key: AS_NEAR_AS_BEFORE * rms + AS_NEAR_M for key, rms in (found or {}).items()}
+    enough = {key: no_further(rms, capture.scene) for key, rms in (found or {}).items()}
     return nearest_state(simulator, task.parameters, capture.scene, capture.depth, bases, enough)
 
 
