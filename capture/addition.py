@@ -20,6 +20,7 @@ from capture.documents import (
     parse_document,
 )
 from capture.setup import DEFAULT_SAMPLE_SIZE_M, pin_source, setup_from_document
+from renderer.atomic import is_part
 from renderer.camera import Camera
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
@@ -127,7 +128,7 @@ def _read(folder: Path) -> CaptureSetDocument | None:
     """The document of the set that is there, or None for a new set."""
     if (folder / CAPTURES_FILE).exists():
         return CaptureSet.load(folder, read_pictures=False).document
-    if folder.is_dir() and any(path.name != LOCK_FILE for path in folder.iterdir()):
+    if folder.is_dir() and any(path.name != LOCK_FILE and not is_part(path) for path in folder.iterdir()):
         raise InputError(
             f"{folder} holds files but no {CAPTURES_FILE}: give a new folder or a capture set", code=FOLDER_IN_USE
         )

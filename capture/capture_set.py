@@ -192,7 +192,7 @@ def picture_path(folder: Path, name: str, *, writing: bool = False) -> Path:
     path = folder / name
     try:
         inside = "\0" not in name and not Path(name).is_absolute()
-        inside = inside and Path(os.path.normpath(path)).is_relative_to(os.path.normpath(folder))
+        inside = inside and Path(os.path.normpath(path.absolute())).is_relative_to(os.path.normpath(folder.absolute()))
         inside = inside and (path.resolve().is_relative_to(folder.resolve()) or not writing)
     except (RuntimeError, OSError) as error:  # a link that leads to itself: RuntimeError until Python 3.12
         raise InputError(

@@ -107,12 +107,15 @@ def _finish(capture: Capture, region: ClothRegion, registration: Registration) -
 
 
 def _same_camera(captures: Sequence[Capture]) -> list[list[int]]:
-    """Indices of captures without a pose, grouped by camera; those with their own word on the pose stay apart."""
-    groups: dict[Camera, list[int]] = {}
+    """Indices of captures without a pose, grouped by camera and sample; those with their own word on it stay apart.
+
+    A pose is told from where the magnets are, and samples of another size hang from others.
+    """
+    groups: dict[tuple[Camera, tuple[float, float]], list[int]] = {}
     for index, capture in enumerate(captures):
         own = capture.document.setup is not None and "camera_from_panel" in capture.document.setup.model_fields_set
         if capture.camera_from_panel is None and not own:
-            groups.setdefault(capture.camera, []).append(index)
+            groups.setdefault((capture.camera, capture.setup.sample_size_m), []).append(index)
     return list(groups.values())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.addition import FOLDER_IN_USE, LOCK_FILE, NewCapture, taken_for_granted, with_capture
-from capture.capture_set import picture_path, write_captures_json
+from capture.capture_set import CAPTURES_FILE, picture_path, write_captures_json
 from capture.sources import DepthSource, Frame
 from renderer.camera import Camera
 from renderer.picture import write_png
@@ -76,12 +77,24 @@ def record_capture(
     with _alone(folder):
         document = with_capture(folder, new, source.camera)
         added = document.captures[-1]
-        write_png(picture_path(folder, added.depth, writing=True), counts)
-        write_captures_json(document, folder)
+        picture = picture_path(folder, added.depth, writing=True)
+        try:
+            write_png(picture, counts)
+            write_captures_json(document, folder)
+        except BaseException:
+            if not _names(folder, added.depth):
+                picture.unlink(missing_ok=True)
+            raise
     if tell is not None:
         for note in (*taken_for_granted(document, new), *moving(taken, source.camera.depth_unit_m)):
             tell(note)
     return added.id
+
+
+def _names(folder: Path, picture: str) -> bool:
+    """The set that is there names a picture."""
+    path = folder / CAPTURES_FILE
+    return path.exists() and picture in {entry["depth"] for entry in json.loads(path.read_bytes())["captures"]}
 
 
 def moving(frames: Sequence[Frame], depth_unit_m: float) -> list[str]:

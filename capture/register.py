@@ -43,6 +43,9 @@ _DIRECTIONS: dict[str, tuple[float, float]] = {
 }
 
 
+HIDDEN = "the panel is hidden: its plane passes through the pins"
+
+
 @dataclass(frozen=True)
 class Registration:
     """A camera's pose and how far it can be trusted.
@@ -62,6 +65,11 @@ class Registration:
     pin_error_m: float | None
     assumed: tuple[str, ...]
     unusual: tuple[str, ...] = ()
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What is unusual and speaks against the pose: a panel that is hidden does not."""
+        return tuple(note for note in self.unusual if note != HIDDEN)
 
 
 def given_registration(camera_from_panel: NDArray[np.float64]) -> Registration:
@@ -148,7 +156,7 @@ def _register(
     if method == "panel_and_edges":  # the corners did not count: their cloth lies too close to the panel to be seen
         return Registration(pose, method, None, tuple(assumed))
     hidden = setup.panel and region.plane is None
-    unusual = ("the panel is hidden: its plane passes through the pins",) if hidden else ()
+    unusual = (HIDDEN,) if hidden else ()
     inverse = invert_pose(pose)
     found = {name: inverse[:3, :3] @ corner + inverse[:3, 3] for name, corner in corners.items()}
     error = float(np.sqrt(np.mean([np.sum((found[name] - expected[name]) ** 2) for name in found])))

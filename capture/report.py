@@ -142,6 +142,7 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None, holes: float
             "correct camera_from_panel, or set it to null to have it found"
         )
     found += pins_far(registration)
+    found += registration.doubts
     if registration.method == "panel_and_edges":
         found.append(
             "a stretched sample alone places the camera to 1-3 cm, and says nothing of one on its side: add a hanging "

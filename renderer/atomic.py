@@ -81,6 +81,11 @@ def prepare(path: Path | str, content: bytes) -> Prepared:
         return Prepared(target, part, real)
 
 
+def is_part(path: Path) -> bool:
+    """A file on its way to its place, by :func:`prepare`."""
+    return path.name.startswith(".") and path.suffix == ".part"
+
+
 def _rename(part: Path, target: Path) -> None:
     try:
         part.replace(target)

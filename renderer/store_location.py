@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import shutil
 import warnings
 from collections.abc import Iterator, Mapping
@@ -36,6 +37,8 @@ def is_remote(url: str | Path) -> bool:
     text = str(url)
     if text.startswith("memory:") or (text.startswith("file:") and not text.startswith("file:///")):
         raise InputError(f"{url}: not a place for a store: name a folder, file:///folder or s3://...", code="store_url")
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:/(?!/)", text):
+        raise InputError(f"{url}: not a place for a store: write {text.replace(':/', '://', 1)}", code="store_url")
     return "://" in text and not text.startswith("file://")
 
 

@@ -19,7 +19,7 @@ from starlette.routing import Match, Route
 
 from renderer.atomic import NO_ROOM as DISK_FULL
 from services.api.context import request_id
-from services.db.engine import DATABASE_AWAY
+from services.db.engine import DATABASE_AWAY, is_full
 from services.jobs.task import NO_ROOM
 from simcore.errors import DrapemeterError, InputError, MissingResourceError
 
@@ -91,7 +91,7 @@ def problem_body(
         title=HTTPStatus(status).phrase,
         status=status,
         code=code,
-        detail=detail,
+        detail=detail.encode(errors="backslashreplace").decode(),  # half a character is no JSON
         instance=quote(instance),
         request_id=request_id(),
         errors=list(errors) if errors else None,
@@ -175,6 +175,9 @@ async def _on_own_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _on_database_error(request: Request, error: Exception) -> JSONResponse:
     log.error("database_failed", error=str(error))
+    if is_full(error):
+        detail = "the service has no room to store anything: try again in a while"
+        return problem_response(503, NO_ROOM, detail, request.url.path, headers={"Retry-After": MISSING_RETRY_S})
     detail = "the database does not answer: try again in a moment"
     return problem_response(503, "database_unreachable", detail, request.url.path, headers={"Retry-After": "5"})
 

@@ -164,7 +164,7 @@ def import_frames(
       drapemeter capture import frames/ --camera camera.json --fabric denim --scene hanging --out my-captures
       drapemeter capture import denim.db3 --fabric denim --scene stretch --density 0.35 --out my-captures
     """
-    from capture.realsense import RealSenseSource
+    from capture.realsense import RECORDING_SUFFIXES, RealSenseSource
     from capture.sources import PngFolderSource, load_camera
     from simcore.errors import InputError
 
@@ -174,6 +174,12 @@ def import_frames(
     if not source.exists():
         raise InputError(f"{source}: no such folder or recording", code="file_missing")
     if source.is_file():
+        if source.suffix.lower() not in RECORDING_SUFFIXES:
+            raise InputError(
+                f"{source}: give the folder that holds the 16-bit depth PNG files, or a RealSense recording "
+                f"({' or '.join(RECORDING_SUFFIXES)})",
+                code="recording_unusable",
+            )
         if camera is not None:
             raise InputError(
                 f"{source} is a recording, which holds its camera: leave --camera away", code="camera_not_needed"

@@ -48,7 +48,11 @@ def estimate(
     captures = CaptureSet.load(capture_set)
     densities = fabric_densities(captures, density)
     estimator = Estimator.load(model)
-    inputs = inputs_by_fabric(prepare_all(captures.captures))
+    prepared = prepare_all(captures.captures)
+    for one in prepared:
+        for doubt in one.registration.doubts:
+            console.note(f"capture {one.capture.id}: {doubt}")
+    inputs = inputs_by_fabric(prepared)
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():

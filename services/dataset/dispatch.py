@@ -218,6 +218,11 @@ class Dispatcher:
                 raise error.cause from None  # the worker lives and says what is wrong: another try would say the same
             self._lacked_memory(slot.shard, error.cause)
             return
+        except ray.exceptions.OutOfMemoryError as error:  # Ray's own word, where it ended the worker before memory did
+            del self._running[stream]
+            ray.kill(slot.actor)
+            self._lacked_memory(slot.shard, error)
+            return
         except ray.exceptions.RayError as error:
             del self._running[stream]
             self._lost(slot, RowStatus.CRASHED, f"the worker died ({type(error).__name__})")
@@ -232,7 +237,7 @@ class Dispatcher:
             word = replace(word, found=False)
         self._listen(word)
 
-    def _lacked_memory(self, shard: int, error: OutOfMemoryError) -> None:
+    def _lacked_memory(self, shard: int, error: Exception) -> None:
         """A shard found too little memory: it is done again, by another worker, since others may leave more by then."""
         self._tell_lost(RowStatus.CRASHED)
         self._short[shard] += 1
@@ -246,15 +251,17 @@ class Dispatcher:
 
         now = time.monotonic()
         limit = max(LEAST_SILENCE_S, self._options.silence_factor * self._configuration.time_limit_s)
+        together = limit  # it is silent until all of a shard are solved
         if self._configuration.solver is not SolverKind.SINGLE:
-            limit *= self._configuration.simulations_per_shard  # it is silent until all of a shard are solved
+            together *= self._configuration.simulations_per_shard
         for stream, slot in list(self._running.items()):
             allowance = self._options.compile_allowance_s if slot.solves == 0 else 0.0
             if slot.storing:
                 allowance = STORING_REQUESTS * patience_s()
-            if now - slot.heard > limit + allowance:
+            allowance += together if slot.done == 0 and not self._one_by_one(slot.shard) else limit
+            if now - slot.heard > allowance:
                 del self._running[stream]
-                self._lost(slot, RowStatus.TIMED_OUT, f"silent for {limit + allowance:.0f} s")
+                self._lost(slot, RowStatus.TIMED_OUT, f"silent for {allowance:.0f} s")
         if not self._running and not self._idle and now - self._heard > self._options.start_allowance_s:
             raise StoreError(
                 f"no worker has come up in {self._options.start_allowance_s:.0f} s: the cluster has no free CPU",

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from services.dataset.cluster import CLUSTER_LOST
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.dispatch import Dispatcher, DispatchOptions
 from services.dataset.fabrics import FabricTable
 from services.dataset.metrics import SweepMetrics
 from services.dataset.worker import SimulationDone
-from simcore.errors import StoreError
+from simcore.errors import MissingResourceError
 
 POLL_S = 1.0
 Listener = Callable[[SimulationDone], None]
@@ -54,11 +55,12 @@ class Drive:
 
         Raises:
             InputError, StoreError: as :meth:`run`.
+            MissingResourceError: the cluster loses what drives the sweep again and again.
         """
         import ray
 
-        mailbox: Any = ray.remote(Mailbox).options(num_cpus=0).remote()
-        # begun anew where its machine is lost, and the mailbox's is not: workers pass over what is stored
+        # both begun anew where a machine is lost: workers pass over what is stored, and words say only how far it is
+        mailbox: Any = ray.remote(Mailbox).options(num_cpus=0, max_restarts=-1, max_task_retries=-1).remote()
         loop = ray.remote(_loop).options(num_cpus=0, max_retries=3).remote(self, mailbox)
         finished: list[Any] = []
         try:
@@ -72,8 +74,8 @@ class Drive:
         except ray.exceptions.RaySystemError:
             raise  # the cluster itself went away
         except ray.exceptions.RayError as error:
-            raise StoreError(
-                f"what drives the sweep was lost on the cluster ({type(error).__name__})", code="workers_die"
+            raise MissingResourceError(
+                f"what drives the sweep was lost on the cluster ({type(error).__name__})", code=CLUSTER_LOST
             ) from None
 
 

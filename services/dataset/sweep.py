@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,9 @@ from services.dataset.tally import Tally
 from services.dataset.worker import SimulationDone
 from services.version import data_version
 from simcore.errors import InputError, StoreError
+
+LEFT_OVER_S = 3600.0
+"""What is begun and was not written to for so long nobody writes any more."""
 
 
 @dataclass(frozen=True)
@@ -156,9 +160,16 @@ def run_sweep(
             code="shards_missing",
         )
     if not is_remote(place):
-        for leftover in local_path(place).rglob("*.partial"):  # of a writer killed in the middle of an object
-            leftover.unlink(missing_ok=True)
+        _remove_leftovers(local_path(place))
     return SweepSummary(len(store), count_failures(store), time.monotonic() - started)
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """What writers killed in the middle of an object left, and not what another driver writes just now."""
+    for leftover in folder.rglob("*.partial"):
+        with suppress(OSError):
+            if time.time() - leftover.stat().st_mtime > LEFT_OVER_S:
+                leftover.unlink()
 
 
 def count_failures(store: Store) -> dict[str, int]:

@@ -23,12 +23,21 @@ DATABASE_AWAY = (OperationalError, InternalError, PoolTimeoutError)
 """What is raised where the database does not answer, only reads (a standby), or has no connection left."""
 DATABASE_FAILED = (DBAPIError, PoolTimeoutError)
 """Whatever the database or a connection to it raises."""
+NO_ROOM_STATE = "53100"
+"""PostgreSQL's code of a full disk."""
 BUSY_TIMEOUT_S = 30
 """How long a SQLite writer waits for another process's transaction."""
 CONNECT_S, ANSWER_S = 5, 15
 """How long a database server may take for a connection, and for a sign of life on one [s]."""
 KEPT_CONNECTIONS, MOST_CONNECTIONS = 10, 45
 """To a database server; at most one for each of the 40 threads of our server, and a few."""
+
+
+def is_full(error: BaseException) -> bool:
+    """Whether a database failed for want of room on its disk."""
+    cause = getattr(error, "orig", None)
+    full = getattr(cause, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
+    return full or getattr(cause, "sqlstate", None) == NO_ROOM_STATE
 
 
 def parse_url(text_url: str) -> URL:
@@ -92,7 +101,7 @@ class Database:
     @property
     def public_url(self) -> str:
         """For logs: without the password, wherever it stands."""
-        return self.url.difference_update_query(["password"]).render_as_string(hide_password=True)
+        return self.url.difference_update_query(["password", "sslpassword"]).render_as_string(hide_password=True)
 
     @property
     def now(self) -> datetime | ColumnElement[datetime]:

@@ -83,8 +83,13 @@ class JobQueue:
         with self._database.write() as session:
             session.execute(delete(Worker).where(Worker.id == worker))
 
-    def claim(self, worker: str) -> Claim | None:
-        """Take the oldest waiting job, or nothing; two workers never get the same."""
+    def claim(self, worker: str, last: Collection[str] = ()) -> Claim | None:
+        """Take the oldest waiting job, or nothing; two workers never get the same.
+
+        Args:
+            worker: who takes it.
+            last: jobs, by id, that are taken only if no other waits.
+        """
         with self._database.read() as session:  # an idle worker takes no lock
             if session.scalar(select(Job.number).where(Job.status == JobStatus.QUEUED).limit(1)) is None:
                 return None
@@ -93,7 +98,7 @@ class JobQueue:
         oldest = (
             select(Job.number)
             .where(Job.status == JobStatus.QUEUED)
-            .order_by(Job.number)
+            .order_by(Job.id.in_(last), Job.number)
             .limit(1)
             .with_for_update(skip_locked=True)
             .scalar_subquery()

@@ -22,12 +22,10 @@ class Resources:
     """What the service gives its jobs, whoever asked for them.
 
     Attributes:
-        model: folder of the trained estimator, if there is one.
         dataset_root: folder or URL under which datasets are written.
         ray_address: cluster that spreads a job's work; None for this machine alone.
     """
 
-    model: Path | None = None
     dataset_root: str = "datasets"
     ray_address: str | None = None
 

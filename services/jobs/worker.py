@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import structlog
 from sqlalchemy.exc import DataError, SQLAlchemyError
 
-from services.db.engine import DATABASE_AWAY, DATABASE_FAILED, Database
+from services.db.engine import DATABASE_AWAY, DATABASE_FAILED, Database, is_full
 from services.jobs.execute import execute, gather
 from services.jobs.maintenance import purge
 from services.jobs.queue import Claim, JobQueue
@@ -32,20 +32,30 @@ AWAY_S = 1.0
 """How soon a database that did not answer is asked again."""
 PAUSE_S = 5.0
 """How soon a job is begun again that this machine or the cluster could not take on."""
+BEHIND_S = 60.0
+"""So long after a job found no cluster all others come before it."""
 CLOCK_STEP_S = 2.0
 """By how much this machine's clock may go off from one look to the next before it counts as set, or as having slept."""
-NO_FAULT = frozenset({"cluster_missing", "cluster_lost", "workers_missing", "store_no_space", NO_ROOM})
-"""What a job is refused for that is no fault of its own: a cluster that is away, a disk that is full."""
+RAY_AWAY = frozenset({"cluster_missing", "cluster_lost", "workers_missing"})
+NO_FAULT = RAY_AWAY | {"store_unreachable", "store_no_space", NO_ROOM}
+"""What a job is refused for that is no fault of its own: a cluster or a store that is away, a disk that is full."""
 
 log = structlog.get_logger("drapemeter.worker")
 
 
 @dataclass(frozen=True)
 class _Waiting:
-    """A job waits for a cluster or for room since then, on the monotonic clock [s]; it ``reached`` this fraction."""
+    """A job waits for a cluster, a store or for room since then, on the monotonic clock [s].
+
+    Attributes:
+        since: when it was given back first.
+        reached: the fraction that it came to.
+        behind_until: other jobs, which may need no cluster, are done first till then.
+    """
 
     since: float
     reached: float
+    behind_until: float
 
 
 class JobWorker:
@@ -87,7 +97,7 @@ class JobWorker:
             while not self._stopping.is_set():
                 try:
                     self._keep_house()
-                    claim = self._queue.claim(self.name)
+                    claim = self._queue.claim(self.name, last=self._behind())
                     if claim is None:
                         self._stopping.wait(POLL_S)
                     else:
@@ -116,7 +126,7 @@ class JobWorker:
         try:
             with self._database.read() as session:
                 inputs = gather(session, claim.kind, claim.inputs)
-            resources = Resources(self._settings.model, self._settings.dataset_root, self._settings.ray_address)
+            resources = Resources(self._settings.dataset_root, self._settings.ray_address)
             task = Task(claim.id, claim.kind, inputs, claim.files, resources, scratch)
             try:
                 self._runner.start(Call(self._work, (task,), {"job": claim.id, "kind": claim.kind}))
@@ -169,7 +179,7 @@ class JobWorker:
                     return "given_back"
 
     def _settle(self, claim: Claim, event: Done | Refused | Crashed, reached: float) -> str:
-        if isinstance(event, Refused) and event.code in NO_FAULT and self._may_wait(claim, reached):
+        if isinstance(event, Refused) and event.code in NO_FAULT and self._may_wait(claim, reached, event.code):
             self._give_back_for_now(claim, event.detail)
             return "given_back"
         self._waiting.pop(claim.id, None)
@@ -201,12 +211,19 @@ class JobWorker:
     def _refuse(self, claim: Claim, code: str, detail: str) -> None:
         self._insist(lambda: self._queue.fail(claim, code, detail))
 
-    def _may_wait(self, claim: Claim, reached: float) -> bool:
-        """Whether a job goes on waiting for a cluster or for room: for a while since it last came further."""
+    def _may_wait(self, claim: Claim, reached: float, code: str) -> bool:
+        """Whether a job goes on waiting for what is away: for a while since it last came further."""
         now = time.monotonic()
-        waiting = self._waiting.get(claim.id, _Waiting(now, reached))
-        self._waiting[claim.id] = _Waiting(waiting.since, max(waiting.reached, reached))
+        waiting = self._waiting.get(claim.id, _Waiting(now, reached, now))
+        self._waiting[claim.id] = _Waiting(
+            waiting.since, max(waiting.reached, reached), now + BEHIND_S * (code in RAY_AWAY)
+        )
         return now - waiting.since < self._settings.job_cluster_patience_s
+
+    def _behind(self) -> set[str]:
+        """Jobs that found no cluster a moment ago."""
+        now = time.monotonic()
+        return {job for job, waiting in self._waiting.items() if now < waiting.behind_until}
 
     def _give_back_for_now(self, claim: Claim, why: str) -> None:
         """What cannot be done here and now is no fault of the job: it is begun again a little later, here or elsewhere.
@@ -234,7 +251,11 @@ class JobWorker:
     def _say_away(self, error: SQLAlchemyError) -> None:
         """Tell it, and spare the others."""
         self._spare_others()
-        log.warning("database_away", worker=self.name, error=str(getattr(error, "orig", None) or error))
+        log.warning(
+            "database_full" if is_full(error) else "database_away",
+            worker=self.name,
+            error=str(getattr(error, "orig", None) or error),
+        )
 
     def _spare_others(self) -> None:
         """Those who come back must have time to renew their leases before they are taken from them."""

@@ -203,6 +203,15 @@ def test_bad_values_are_refused_and_say_which_capture(make_set: MakeSet, change:
     assert "captures.json" in str(caught.value)
 
 
+def test_a_set_named_by_a_dot_holds_its_pictures_too(make_set: MakeSet, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = make_set(set_key("captures/0/depth", "../f1-hanging-0.png"))
+    (folder / "f1-hanging-0.png").rename(folder.parent / "f1-hanging-0.png")
+    monkeypatch.chdir(folder)
+    with pytest.raises(InputError) as caught:
+        CaptureSet.load(Path())
+    assert caught.value.code == "path_outside_set"
+
+
 def test_a_picture_that_is_read_may_be_a_link_and_none_is_written_through_one(make_set: MakeSet) -> None:
     folder = make_set(set_key("captures/0/depth", "link.png"))
     (folder / "f1-hanging-0.png").rename(folder.parent / "outside.png")

@@ -144,7 +144,7 @@ def test_the_schema_is_one_document(capsys: Captured) -> None:
         (["import", "a", "--fabric", "a", "--scene", "hanging", "--sample-size", "90", "--out", "x"], "sample_size"),
         (
             ["import", __file__, "--fabric", "a", "--scene", "hanging", "--camera", "c", "--out", "x"],
-            "camera_not_needed",
+            "recording_unusable",
         ),
         (["check"], "usage"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 from capture.camera_rig import AT_ODDS, ELSEWHERE, NO_POSE, common_pose, share_pose
 from capture.capture_set import CaptureSet
 from capture.plane import Plane
-from capture.prepare import prepare, prepare_all
+from capture.prepare import _same_camera, prepare, prepare_all
 from capture.register import Registration, given_registration, register, rigid_fit
+from capture.report import report_capture
 from capture.segment import segment_cloth
 from renderer.depth_png import write_depth_png
 from renderer.pose import invert_pose, pose_from_rotation
@@ -293,6 +295,14 @@ def test_a_camera_that_was_moved_between_the_scenes_is_found_twice(make_set: Mak
     assert abs(shift[2]) < 0.001 and np.linalg.norm(shift) < 0.015
     assert angle < 1.0
     assert pulled.registration.unusual == (ELSEWHERE,)
+    assert ELSEWHERE in report_capture(pulled).warnings
+
+
+def test_samples_of_another_size_hang_elsewhere(make_set: MakeSet) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document["captures"][1]["setup"] = {"sample_size_m": [0.3, 0.3]}
+
+    assert _same_camera(CaptureSet.load(make_set(change)).captures) == [[0], [1]]
 
 
 def test_the_failing_capture_is_named(make_set: MakeSet) -> None:

@@ -52,6 +52,21 @@ class StandInCamera(DepthSource):
 NEW = NewCapture("denim", "hanging", 0.35, {"panel": True})
 
 
+def test_a_recording_that_fails_leaves_nothing_in_its_way(
+    hanging: Sheet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise InputError("no space left", code="cannot_write")
+
+    source, folder = StandInCamera(hanging.depth(CAMERA, turned_pose((0.0, 0.0, 0.0)))), tmp_path / "set"
+    with monkeypatch.context() as failing, pytest.raises(InputError, match="no space left"):
+        failing.setattr("capture.record.write_captures_json", full)
+        record_capture(source, folder, NEW, frames=1)
+    assert not list(folder.glob("*.png"))
+    (folder / ".0123456789abcdef.part").touch()  # what is on its way to another file of the folder
+    assert record_capture(source, folder, NEW, frames=1).endswith("-0")
+
+
 def test_a_recording_becomes_a_capture_with_less_noise(hanging: Sheet, tmp_path: Path) -> None:
     still = hanging.depth(CAMERA, turned_pose((0.0, 4.0, 0.0)))
     with StandInCamera(still) as source:

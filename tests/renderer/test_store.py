@@ -243,6 +243,13 @@ def test_urls_that_would_go_elsewhere_are_refused(url: str) -> None:
     assert raised.value.code == "store_url"
 
 
+@pytest.mark.parametrize("url", ["s3:/bucket/x", Path("s3://bucket/x"), "gs:/bucket"])
+def test_an_object_stores_url_with_a_slash_too_few_is_no_folder(url: str | Path) -> None:
+    with pytest.raises(InputError, match=r"write (s3|gs)://bucket") as raised:
+        store_exists(url)
+    assert raised.value.code == "store_url"
+
+
 @pytest.mark.parametrize(
     ("number", "kind", "code"),
     [

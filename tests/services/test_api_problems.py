@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import json
 import zipfile
 from typing import Any
 
@@ -13,7 +14,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from starlette.exceptions import HTTPException
 
-from services.api.problems import install_problem_handlers
+from services.api.problems import install_problem_handlers, problem_response
 from tests.services.served import QUICK, SOFT, STIFF
 
 Request = tuple[str, str, dict[str, Any]]
@@ -113,6 +114,25 @@ def test_a_body_of_another_kind_is_told_what_is_wanted(client: httpx.Client, pat
     answer = client.post(path, content=b'{"name": "a"}', headers={"content-type": kind})
     assert (answer.status_code, problem(answer)["code"]) == (415, "media_type_unsupported")
     assert kind in answer.json()["detail"] and wanted in answer.json()["detail"]
+
+
+def test_what_is_given_twice_is_no_guess_at_the_last(client: httpx.Client) -> None:
+    files = [("capture_set", ("a.zip", b""))]
+    answer = client.post("/v1/diagnoses", files=files, data={"effects": ["air_draft", "panel_tilt"]})
+    (wrong,) = problem(answer)["errors"]
+    assert answer.status_code == 422 and (wrong["pointer"], wrong["code"]) == ("body/effects", "given_twice")
+    answer = client.post("/v1/diagnoses", files=[*files, *files])
+    assert problem(answer)["errors"][0]["pointer"] == "body/capture_set"
+    answer = client.get("/v1/fabrics", params={"plm_id": ["a", "b"]})
+    assert problem(answer)["errors"][0] == {**wrong, "pointer": "query/plm_id"}
+    pictures = [("stretch", ("a.png", b"")), ("stretch", ("b.png", b""))]  # several may be sent
+    answer = client.post("/v1/estimates", files=pictures, data={"density": "0.2", "camera": "{}"})
+    assert problem(answer)["code"] != "validation_failed"
+
+
+def test_half_a_character_in_what_is_said_is_written_out() -> None:
+    answer = problem_response(422, "camera", "\ud800: give a number", "/v1/estimates")
+    assert json.loads(bytes(answer.body))["detail"] == "\\ud800: give a number"
 
 
 def test_a_misspelt_filter_does_not_list_everything(client: httpx.Client) -> None:

@@ -31,7 +31,8 @@ class StandInRay(SimpleNamespace):
     """
 
     def __init__(self, *, free: bool, born: bool) -> None:
-        errors = SimpleNamespace(RayError=RayError, RayTaskError=type("RayTaskError", (RayError,), {}))
+        kinds = {name: type(name, (RayError,), {}) for name in ("RayTaskError", "OutOfMemoryError")}
+        errors = SimpleNamespace(RayError=RayError, **kinds)
         super().__init__(exceptions=errors, free=free, born=born, made=0, killed=0)
 
     def remote(self, worker_class: type[Any]) -> SimpleNamespace:
@@ -108,9 +109,10 @@ def test_workers_that_die_before_they_start_are_counted_one_after_the_other(
             driver._came_up("ready")
 
 
+@pytest.mark.parametrize("said_by", ["the worker", "Ray"])
 @pytest.mark.parametrize("short", [MAX_SHORT - 1, MAX_SHORT])
 def test_a_shard_that_lacks_memory_is_done_again_and_not_for_ever(
-    short: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    short: int, said_by: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     ray = StandInRay(free=True, born=True)
     lost: list[RowStatus] = []
@@ -120,6 +122,8 @@ def test_a_shard_that_lacks_memory_is_done_again_and_not_for_ever(
             return
         if len(lost) == short:
             raise StopIteration  # the shard is done
+        if said_by == "Ray":
+            raise ray.exceptions.OutOfMemoryError("out of memory: its monitor says so: run fewer processes")
         error = ray.exceptions.RayTaskError()
         error.cause = OutOfMemoryError("out of memory: 2601 equations: run fewer processes")
         raise error

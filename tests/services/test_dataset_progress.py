@@ -77,6 +77,7 @@ def test_a_job_that_goes_on_counts_what_is_done(tmp_path: Path, monkeypatch: pyt
         listen: Callable[[SimulationDone], None],
         **named: object,
     ) -> sweep.SweepSummary:
+        assert named["address"] == "local"  # whatever RAY_ADDRESS says
         begin(CostEstimate(3, 3, 0.1, 0.1, 0.1, 1))
         for simulation in (1, 2, 3):
             listen(word(simulation))

@@ -104,7 +104,7 @@ def test_pictures_are_found_by_whatever_path_names_them(
     path: str, stored: str, tmp_path: Path, shared_dir: Path
 ) -> None:
     content = _renamed(shared_dir / "real" / "phisft-r1", path, stored)
-    document = diagnoses._check(content, Settings())
+    document = diagnoses._check(content, Settings(), 0.01)
     unpack(content, tmp_path, ArchiveLimits(Settings().max_unpacked_bytes), picture_names(document))
     assert CaptureSet.load(tmp_path).captures[0].read_depth().max() > 0.0
 
@@ -136,19 +136,24 @@ PINS = {"top_left": [0.2, 0, 0], "top_right": [-0.2, 0, 0]}
             "depth_wrong_size",
             "r1-hanging-2.png is 640 x 480 pixels, its camera says 320 x 480",
         ),
+        (
+            lambda d: d["captures"][1].update(setup={"sample_size_m": [0.3, 0.205]}),
+            "resolution_does_not_divide",
+            "r1-hanging-1: ",
+        ),
     ],
 )
 def test_what_captures_json_alone_shows_to_be_unusable_is_refused(
     change: Callable[[dict[str, Any]], None], code: str, said: str, shared_dir: Path
 ) -> None:
     with pytest.raises(InputError, match=said) as caught:
-        diagnoses._check(_stating(shared_dir / "real" / "phisft-r1", change), Settings())
+        diagnoses._check(_stating(shared_dir / "real" / "phisft-r1", change), Settings(), 0.01)
     assert caught.value.code == code
 
 
 def test_a_path_that_goes_up_is_refused(shared_dir: Path) -> None:
     with pytest.raises(InputError, match="must not go up"):
-        diagnoses._check(_renamed(shared_dir / "real" / "phisft-r1", "a/../x.png", "x.png"), Settings())
+        diagnoses._check(_renamed(shared_dir / "real" / "phisft-r1", "a/../x.png", "x.png"), Settings(), 0.01)
 
 
 def test_cells_that_do_not_divide_half_a_metre_are_the_diagnosiss_own_business() -> None:
@@ -161,7 +166,7 @@ def test_cells_that_do_not_divide_half_a_metre_are_the_diagnosiss_own_business()
 def test_the_same_request_is_the_same_under_another_limit_of_the_server(
     database: Database, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(diagnoses, "_check", lambda content, settings: None)
+    monkeypatch.setattr(diagnoses, "_check", lambda content, settings, resolution_m: None)
 
     def ask(most_bytes: int, resolution_m: float = 0.01) -> JSONResponse:
         state = SimpleNamespace(database=database, settings=Settings(max_unpacked_bytes=most_bytes))

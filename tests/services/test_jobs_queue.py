@@ -80,6 +80,12 @@ def test_jobs_come_in_order_with_their_files(database: Database, queue: JobQueue
     assert queue.claim("w") is None
 
 
+def test_jobs_that_cannot_be_done_now_come_after_all_others(database: Database, queue: JobQueue) -> None:
+    first, second, third = add(database), add(database), add(database)
+    taken = [queue.claim("w", last={first, third}) for _ in range(3)]
+    assert [claim and claim.id for claim in taken] == [second, first, third]
+
+
 def test_no_job_goes_to_two_workers(database: Database, queue: JobQueue) -> None:
     ids = {add(database) for _ in range(30)}
 

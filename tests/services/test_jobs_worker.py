@@ -24,9 +24,9 @@ from services.settings import Settings
 from tests.services.job_rows import read_job
 
 
-def add(database: Database) -> str:
+def add(database: Database, kind: str = "drape_distance") -> str:
     with database.write() as session:
-        return enqueue(session, "drape_distance", {"n": 1}).id
+        return enqueue(session, kind, {"n": 1}).id
 
 
 class Working(Runner):
@@ -85,7 +85,18 @@ def test_a_job_waits_for_a_cluster_that_is_away(database: Database, monkeypatch:
     assert job.status == JobStatus.FAILED and job.problem is not None and job.problem["code"] == "cluster_missing"
 
 
-@pytest.mark.parametrize("code", ["store_no_space", "no_room"])
+def test_jobs_that_wait_for_a_cluster_let_others_pass(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("services.jobs.worker.PAUSE_S", 0.05)
+    waiting, other = [add(database), add(database)], add(database, kind="diagnosis")
+    done = Done(TaskOutput({"distance": 0.5}, ()))
+    last = worked(database, waiting[1], Refusing(AWAY, AWAY, done, AWAY, done, done))
+    jobs = [read_job(database, job) for job in (*waiting, other)]
+    assert all(job.status == JobStatus.SUCCEEDED for job in jobs)
+    ended = [job.finished_at for job in (jobs[2], jobs[0], last)]
+    assert ended == sorted(ended, key=lambda at: str(at))
+
+
+@pytest.mark.parametrize("code", ["store_no_space", "store_unreachable", "no_room"])
 def test_a_job_waits_for_room_on_a_full_disk_and_not_for_ever(
     code: str, database: Database, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from sqlalchemy import text
+from sqlalchemy.exc import OperationalError
 
 from services.cli.serve import load_settings
-from services.db.engine import Database, parse_url
+from services.db.engine import Database, is_full, parse_url
 from services.settings import Settings
 from simcore.errors import InputError
 
@@ -63,8 +65,22 @@ def test_a_databases_password_may_come_otherwise(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_databases_password_is_not_shown() -> None:
-    for url in ("postgresql://u:sFwq29xVbn@h/d", "postgresql://h/d?user=u&password=sFwq29xVbn"):
+    for url in (
+        "postgresql://u:sFwq29xVbn@h/d",
+        "postgresql://h/d?user=u&password=sFwq29xVbn",
+        "postgresql://h/d?sslpassword=sFwq29",
+    ):
         assert "sFwq" not in Database(url).public_url
     with pytest.raises(InputError, match="%40") as caught:
         parse_url("postgresql://u:sFwq@29xVbn@h/d")
     assert "29xVbn" not in str(caught.value)
+
+
+def test_a_full_disk_is_told_from_a_database_that_is_away(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path / 'd.db'}")
+    with pytest.raises(OperationalError) as caught, database.write() as session:
+        session.execute(text("PRAGMA max_page_count = 3"))
+        session.execute(text("CREATE TABLE t (x BLOB)"))
+        session.execute(text("INSERT INTO t VALUES (zeroblob(100000))"))
+    assert is_full(caught.value) and not is_full(OperationalError("", None, Exception("locked")))
+    database.close()

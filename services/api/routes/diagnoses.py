@@ -12,6 +12,7 @@ from fastapi.responses import JSONResponse
 from capture.capture_set import CaptureSet
 from capture.documents import CaptureSetDocument, parse_document
 from capture.picture import check_size
+from diagnosis.tasks.put_up import check_set_ups
 from services.api.auth import Caller, require
 from services.api.documented import accepted, problems
 from services.api.forms import known_fields_only
@@ -26,7 +27,6 @@ from services.jobs.files import FileContent
 from services.jobs.kinds.diagnosis import ARCHIVE_NAME, DiagnosisInputs, picture_name, picture_names
 from services.names import split_names
 from services.settings import Settings
-from simcore.checks import check_pins
 from simcore.errors import InputError
 
 LARGEST_PICTURES = 16
@@ -69,7 +69,7 @@ async def create_diagnosis(
     )
     await run_in_threadpool(inputs.options)
     content = await capture_set.read()
-    await run_in_threadpool(_check, content, state.settings)
+    await run_in_threadpool(_check, content, state.settings, resolution_m)
     file = FileContent(ARCHIVE_NAME, "application/zip", content)
     return await run_in_threadpool(
         submit_job,
@@ -83,7 +83,7 @@ async def create_diagnosis(
     )
 
 
-def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
+def _check(content: bytes, settings: Settings, resolution_m: float) -> CaptureSetDocument:
     """Everything that can be known without decoding a picture."""
     limits = ArchiveLimits(settings.max_unpacked_bytes)
     document = parse_document(read_captures_json(content, limits), CAPTURES_FILE)
@@ -104,8 +104,5 @@ def _check(content: bytes, settings: Settings) -> CaptureSetDocument:
     for capture in captures:
         size = sizes[picture_name(capture.document)]
         check_size(capture.document.depth, size.width, size.height, capture.camera)
-        try:
-            check_pins(capture.setup)
-        except InputError as error:
-            raise InputError(f"capture {capture.id}: {error}", code=error.code) from None
+    check_set_ups(CaptureSet(Path(), document), resolution_m)
     return document

@@ -139,7 +139,7 @@ def run(task: Task, report: Report) -> TaskOutput:
         configuration,
         fabrics,
         resume=True,
-        address=task.resources.ray_address,
+        address=task.resources.ray_address or "local",
         listen=progress.hear,
         begin=progress.begin,
     )
