@@ -49,8 +49,8 @@ def prepare(capture: Capture) -> PreparedCapture:
 def prepare_all(captures: Sequence[Capture]) -> Iterator[PreparedCapture]:
     """Read, segment, register and normalise captures, in their order.
 
-    Captures without a pose that share a camera are taken to be of one camera that stood still (see
-    :func:`capture.camera_rig.share_pose`), unless they say otherwise: where their own ``setup`` speaks of
+    Captures without a pose that share a camera and the size of their sample are taken to be of one camera that stood
+    still (see :func:`capture.camera_rig.share_pose`), unless they say otherwise: where their own ``setup`` speaks of
     ``camera_from_panel``, they are registered by themselves.
 
     Raises:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from simcore.parameters import ESTIMATED_NAMES, UNITS
 
 if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
+    from capture.prepare import PreparedCapture
     from trainer.predict import Estimate
 
 
@@ -48,11 +50,7 @@ def estimate(
     captures = CaptureSet.load(capture_set)
     densities = fabric_densities(captures, density)
     estimator = Estimator.load(model)
-    prepared = prepare_all(captures.captures)
-    for one in prepared:
-        for doubt in one.registration.doubts:
-            console.note(f"capture {one.capture.id}: {doubt}")
-    inputs = inputs_by_fabric(prepared)
+    inputs = inputs_by_fabric(_doubted(prepare_all(captures.captures)))
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():
@@ -68,6 +66,14 @@ def estimate(
     for entry in fabrics:
         print_fabric(*entry)
     console.say(f"model {estimator.version}")
+
+
+def _doubted(prepared: Iterable[PreparedCapture]) -> Iterator[PreparedCapture]:
+    """Captures as they come; what speaks against a pose is said of each."""
+    for one in prepared:
+        for doubt in one.registration.doubts:
+            console.note(f"capture {one.capture.id}: {doubt}")
+        yield one
 
 
 def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, float]:
