@@ -18,7 +18,15 @@ from diagnosis import synthesis
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.tasks.fabric_task import FabricTask
-from diagnosis.tasks.preparation import TYPICAL_DENSITY_KG_M2, UNKNOWN_DENSITY_SIGMA, not_stated, prepare_tasks
+from diagnosis.tasks.preparation import (
+    FOREIGN_SPREAD,
+    LEAST_ESTIMATED_SIGMA,
+    TYPICAL_DENSITY_KG_M2,
+    UNKNOWN_DENSITY_SIGMA,
+    UNKNOWN_SIGMA,
+    not_stated,
+    prepare_tasks,
+)
 from renderer.camera import CANONICAL_CAMERA
 from renderer.depth_png import write_depth_png
 from renderer.sensor import SensorModel
@@ -90,6 +98,8 @@ def test_a_fabric_without_parameters_is_estimated_from_its_pictures(altered: Cal
     tasks, assumed = tasks_of(altered(lambda value: value["fabrics"][1].update(parameters=None)))
     assert "fabric f2: no parameters; estimated from its captures" in assumed and "fabric f1" not in assumed
     assert min(tasks[1].relative_sigma[:6]) > max(tasks[0].relative_sigma[:6])
+    assert min(tasks[1].relative_sigma[:6]) >= FOREIGN_SPREAD * LEAST_ESTIMATED_SIGMA
+    assert max(tasks[1].relative_sigma[:6]) <= UNKNOWN_SIGMA
 
 
 def test_a_sensor_that_is_not_stated_judges_no_pixels(altered: Callable[[Change], CaptureSet]) -> None:
