@@ -41,9 +41,8 @@ _DIRECTIONS: dict[str, tuple[float, float]] = {
     "top_right": (1.0, 1.0),
     "bottom_right": (1.0, -1.0),
 }
-
-
 HIDDEN = "the panel is hidden: its plane passes through the pins"
+"""What is unusual of a registration, and no doubt of its pose."""
 
 
 @dataclass(frozen=True)

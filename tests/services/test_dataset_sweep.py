@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from renderer.store import Store
-from services.dataset.sweep import run_sweep
+from services.dataset.sweep import LEFT_OVER_S, _remove_leftovers, run_sweep
 from services.dataset.validation import validate_store
 from services.dataset.worker import SimulationDone
 from tests.services.dataset_helpers import (
@@ -95,3 +95,12 @@ def wait_for_shards(store: Path, count: int, process: subprocess.Popen[bytes]) -
         assert process.poll() is None, "the sweep ended by itself"
         time.sleep(0.1)
     raise AssertionError("no shard was finished in two minutes")
+
+
+def test_what_another_driver_writes_just_now_is_no_leftover(tmp_path: Path) -> None:
+    old, new = tmp_path / "zarr.0a1b.partial", tmp_path / "zarr.2c3d.partial"
+    for path in (old, new):
+        path.touch()
+    os.utime(old, (long_ago := time.time() - LEFT_OVER_S - 1.0, long_ago))
+    _remove_leftovers(tmp_path)
+    assert list(tmp_path.iterdir()) == [new]
