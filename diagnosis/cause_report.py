@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
-from diagnosis.effect import SCALAR
+from diagnosis.effect import SCALAR, Effect
 from diagnosis.effects import get_effect
 from diagnosis.groups import NOT_EFFECTS, group_of
 from diagnosis.inference.block import Block, PixelBlock
@@ -65,8 +63,8 @@ def _found(cause: Cause, name: str) -> FoundEffect:
         if name == cause.pair.second:
             interval = dict(cause.pair.evidence.interval_90)
         else:
-            most = {key: component.most for key, component in effect.components.items()}
-            interval = moved_along(interval, cause.evidence[name].size, size, most)
+            interval = moved_along(interval, cause.evidence[name].size, size)
+    interval = as_can_be(interval, effect)
     scalar = SCALAR in size
     return FoundEffect(
         name=name,
@@ -82,15 +80,17 @@ def moved_along(
     interval: Mapping[str, tuple[float, float]],
     alone: Mapping[str, float],
     size: Mapping[str, float],
-    most: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, tuple[float, float]]:
     """An interval of a size that turned out to be another: as wide as before, of one number of the same sign in
-    proportion; without what is larger than there can be (``most``, by component).
+    proportion.
     """
     if list(interval) == [SCALAR] and alone[SCALAR] * size[SCALAR] > 0.0:
         low, high = interval[SCALAR]
-        moved = {SCALAR: (low * size[SCALAR] / alone[SCALAR], high * size[SCALAR] / alone[SCALAR])}
-    else:
-        moved = {k: (a + size[k] - alone[k], b + size[k] - alone[k]) for k, (a, b) in interval.items()}
-    limits = {key: most.get(key, math.inf) for key in moved}
-    return {k: (max(a, -limits[k]), min(b, limits[k])) for k, (a, b) in moved.items()}
+        return {SCALAR: (low * size[SCALAR] / alone[SCALAR], high * size[SCALAR] / alone[SCALAR])}
+    return {k: (a + size[k] - alone[k], b + size[k] - alone[k]) for k, (a, b) in interval.items()}
+
+
+def as_can_be(interval: Mapping[str, tuple[float, float]], effect: Effect) -> dict[str, tuple[float, float]]:
+    """An interval without sizes that are larger than there can be (:attr:`diagnosis.effect.Component.most`)."""
+    most = {key: effect.components[key].most for key in interval}
+    return {key: (max(low, -most[key]), min(high, most[key])) for key, (low, high) in interval.items()}

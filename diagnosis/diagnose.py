@@ -266,6 +266,7 @@ class _Conclusion:
         shrinkage = None if measured is None else complete(measured, looks, lpips=lpips)
         before = spent or Cost()
         cost = _cost(results, looks, before)
+        assumed = (*assumed, *cost.cut_short())
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),
             where=where_gaps(blocks, pixels, cause, self.model),

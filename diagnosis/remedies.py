@@ -14,9 +14,11 @@ KNOWN: Mapping[frozenset[str], str] = MappingProxyType(
     {
         frozenset({"depth_scale", "depth_bias"}): "capture a set of its own from another distance and compare the "
         "sizes: a bias stays, what a scale does grows with the distance",
-        frozenset({"depth_scale", "camera_translation"}): "capture once more from another distance",
-        frozenset({"depth_bias", "camera_translation"}): "measure the camera's distance, or capture from another one",
-        frozenset({"depth_scale", "focal_scale"}): "capture once more from another distance",
+        frozenset({"depth_scale", "camera_translation"}): "capture a set of its own from another distance and compare "
+        "the sizes: a moved camera stays, what a scale does grows with the distance",
+        frozenset({"depth_bias", "camera_translation"}): "measure the camera's distance",
+        frozenset({"depth_scale", "focal_scale"}): "capture a set of its own from another distance and compare what it "
+        "names",
         frozenset({"air_draft", "panel_tilt"}): "add fabrics of other weight, or lay a level on the panel",
         frozenset({"pin_drop", "camera_rotation"}): "show the camera the bare panel with a plumb line",
     }
@@ -62,5 +64,5 @@ def _by_stage(stages: set[str]) -> str:
     if "environment" in stages:
         return "capture once more in still air, and with the panel wiped with an antistatic cloth"
     if "camera" in stages:
-        return "capture once more from another distance and angle"
+        return "capture a set of its own from another distance and angle, and compare what it names"
     return "record the bare panel several times: what changes between the pictures is the sensor's"

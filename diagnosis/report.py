@@ -182,7 +182,7 @@ class Shrinkage(_Model):
     """How far the gap shrinks on held-out captures once the effect is added.
 
     ``fraction`` = (before - after) / (before - noise_floor). ``noise_floor`` is ``repeats``, the scatter of repeats, or
-    what is left where that is less.
+    what is left where that is less. ``named_without``: of every part that was held out in turn, what the others name.
     """
 
     held_out: tuple[str, ...]
@@ -200,6 +200,7 @@ class Shrinkage(_Model):
     perceived: Perceived | None = None
     depth: SeenDepth | None = None
     note: str | None = None
+    named_without: tuple[tuple[str, ...], ...] = ()
 
 
 class CostReport(_Model):

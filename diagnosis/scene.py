@@ -14,6 +14,9 @@ from renderer.sensor import IDEAL_SENSOR, SensorModel
 from simcore.mechanics import Mechanics
 from simcore.scenes import Setup
 
+PUT_UP_AGAIN_M = 0.002
+"""Magnets that are stated to sit so near to where they sat make a repeat: a person puts them back no better."""
+
 Pose = tuple[tuple[float, float, float, float], ...]
 
 
@@ -25,6 +28,13 @@ def pose_rows(matrix: NDArray[np.float64]) -> Pose:
     """
     rows = check_pose(matrix).tolist()
     return tuple((row[0], row[1], row[2], row[3]) for row in rows)
+
+
+def put_up_alike(one: Setup, other: Setup) -> bool:
+    """Whether captures of two set-ups repeat each other: what effects do in one they do in the other."""
+    if replace(one, pins_m=other.pins_m) != other:
+        return False
+    return all(np.linalg.norm(np.subtract(one.pins_m[n], other.pins_m[n])) <= PUT_UP_AGAIN_M for n in one.pins_m)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,16 @@ from capture.capture_set import CAPTURES_FILE, CaptureSet
 from diagnosis.blind.baselines import baseline_answers
 from diagnosis.blind.claims import Claims, alone
 from diagnosis.blind.classifier import Classifier, example_parts, features, known_as_tried
-from diagnosis.blind.make import BLIND_FORMAT, LABELS_FOLDER, MANIFEST_FILE, MANIFEST_KEYS, case_name, is_sealed
+from diagnosis.blind.make import (
+    BLIND_FORMAT,
+    CATALOGUE,
+    LABELS_FOLDER,
+    MANIFEST_FILE,
+    MANIFEST_KEYS,
+    case_name,
+    is_sealed,
+)
+from diagnosis.blind.same_catalogue import catalogue_key
 from diagnosis.blind.verify import verify
 from diagnosis.diagnose import Diagnosis, DiagnosisOptions, diagnose
 from diagnosis.groups import group_of
@@ -115,16 +124,17 @@ def answer_cases(
     manifest = read_manifest(out)
     options = DiagnosisOptions(without=tuple(manifest["withhold"]), workers=workers)
     options.chosen()
+    tried = catalogue_key()
     (out / REPORTS_FOLDER).mkdir(exist_ok=True)
     numbers = range(manifest["cases"])
     with Claims(out) as claims:
         for number in numbers:
             name = case_name(number)
             path = out / REPORTS_FOLDER / f"{name}.json"
-            if not _is_answered(path):
+            if not _is_answered(path, tried):
                 if time.monotonic() - began > seconds or not claims.take(number):
                     continue
-                if _is_answered(path):  # by another process, since we looked
+                if _is_answered(path, tried):  # by another process, since we looked
                     continue
                 failed = path.with_suffix(".failed")
                 try:
@@ -133,7 +143,7 @@ def answer_cases(
                     if not is_sealed(out / name):
                         continue
                     failed.unlink(missing_ok=True)
-                    _answer(out, name, options, cache)
+                    _answer(out, name, options, cache, tried)
                 except DrapemeterError as error:  # seeds are fixed: it would stand in the way of all others for good
                     if not _is_of_this_case(error):
                         raise
@@ -141,7 +151,7 @@ def answer_cases(
                     continue
             if on_case is not None:
                 on_case(1.0)
-    done = [name for name in map(case_name, numbers) if _is_answered(out / REPORTS_FOLDER / f"{name}.json")]
+    done = [name for name in map(case_name, numbers) if _is_answered(out / REPORTS_FOLDER / f"{name}.json", tried)]
     if not done and make is None and not any(is_sealed(out / case_name(number)) for number in numbers):
         raise InputError(f"{out}: its cases are planned and not made: give --make", code="blind_nothing_done")
     if not done:
@@ -166,10 +176,11 @@ def open_labels(out: Path, names: Sequence[str], cache: DrapeCache) -> list[Answ
     return [answers[name] for name in names]
 
 
-def _answer(out: Path, name: str, options: DiagnosisOptions, cache: DrapeCache) -> None:
+def _answer(out: Path, name: str, options: DiagnosisOptions, cache: DrapeCache, tried: str) -> None:
     start = time.process_time()
     found = diagnose(CaptureSet.load(out / name), options, cache=cache)
     document = found.report.as_json()
+    document[CATALOGUE] = tried
     document["baselines"] = baseline_answers(found)
     document["pin_radius_m"] = found.pin_radius_m
     document["cpu_seconds"] = round(time.process_time() - start, 1)
@@ -233,8 +244,12 @@ def _arrays(path: Path) -> dict[str, NDArray[np.float64]]:
         return {key: np.asarray(data[key], dtype=np.float64) for key in data.files}
 
 
-def _is_answered(path: Path) -> bool:
-    return path.exists() and json.loads(path.read_text(encoding="utf-8"))["model_version"] == MODEL_VERSION
+def _is_answered(path: Path, catalogue: str) -> bool:
+    """By this version, with this catalogue of effects (:func:`catalogue_key`)."""
+    if not path.exists():
+        return False
+    report = json.loads(path.read_text(encoding="utf-8"))
+    return report["model_version"] == MODEL_VERSION and report.get(CATALOGUE) == catalogue
 
 
 def read_manifest(out: Path) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from capture.capture_set import CAPTURES_FILE
+from diagnosis.blind.same_catalogue import catalogue_key
 from diagnosis.effect import SCALAR, Effect, Size
 from diagnosis.effects import catalogue, get_effect
 from diagnosis.groups import group_of
@@ -242,12 +243,19 @@ def case_maker(out: Path, plan: BlindPlan, cache: DrapeCache | None = None) -> C
     """Write the manifest; what is returned makes a case, by its number, if it is not there.
 
     Raises:
-        InputError: the plan cannot be, or ``out`` holds a check of another plan.
+        InputError: the plan cannot be, or ``out`` holds a check of another plan or of another catalogue of effects.
     """
     plan.check()
     manifest = _manifest(plan)
     path = out / MANIFEST_FILE
-    if path.exists() and _read(path) != manifest:
+    there = _read(path) if path.exists() else manifest
+    if there != manifest:
+        if isinstance(there, dict) and {**there, CATALOGUE: manifest[CATALOGUE]} == manifest:
+            raise InputError(
+                f"{out}: its cases were drawn from another catalogue of effects, or by an earlier version: put the "
+                "effects' files back as they were, or make another check",
+                code="blind_catalogue",
+            )
         raise InputError(f"{out} holds a blind check of another plan: give another folder", code="blind_other_plan")
     (out / LABELS_FOLDER).mkdir(parents=True, exist_ok=True)
     write_atomically(path, (json.dumps(manifest, indent=1) + "\n").encode())
@@ -325,17 +333,19 @@ def _make_case(
 
 def plan_of(manifest: Mapping[str, Any]) -> BlindPlan:
     """The plan that a manifest was written from."""
-    values = {key: value for key, value in manifest.items() if key != "format"}
+    values = {key: value for key, value in manifest.items() if key in MANIFEST_KEYS}
     return BlindPlan(**{**values, "withhold": tuple(values["withhold"]), "scenes": tuple(values["scenes"])})
 
 
 MANIFEST_KEYS = ("cases", "seed", "fabrics", "repeats", "pool", "resolution_m", "withhold", "scenes")
-"""What a manifest says of its check beside the format."""
+"""What a manifest says of its check beside the format and the catalogue's key."""
+CATALOGUE = "catalogue_sha256"
 
 
 def _manifest(plan: BlindPlan) -> dict[str, Any]:
     values = {name: getattr(plan, name) for name in MANIFEST_KEYS}
-    return {"format": BLIND_FORMAT, **values, "withhold": list(plan.withhold), "scenes": list(plan.scenes)}
+    values |= {"withhold": list(plan.withhold), "scenes": list(plan.scenes), CATALOGUE: catalogue_key()}
+    return {"format": BLIND_FORMAT, **values}
 
 
 def _plain(effect: Effect, size: Size) -> float | dict[str, float]:

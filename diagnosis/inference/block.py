@@ -63,6 +63,7 @@ class Block:
         calm_square: mean square of whitened residuals where nothing is there, over that with the usual errors.
         probes: by family, changes by weights and bends put on the cloth on trial, and by pins as ``pins`` [m or m/m],
             [probes, n]; empty where that was not looked at.
+        setups: of each capture the number of its set-up; only those of one repeat each other. Empty: all are of one.
     """
 
     fabric: str
@@ -80,6 +81,23 @@ class Block:
     sensed: float = 0.0
     calm_square: float = 1.0
     probes: Mapping[str, Array] = field(default_factory=dict)
+    setups: tuple[int, ...] = ()
+
+    @property
+    def repeated(self) -> bool:
+        """Some set-up was captured more than once."""
+        return len(self.captures) > len(set(self.setups or (0,)))
+
+    def repeats(self, values: Array) -> list[Array]:
+        """Values by capture and cell, set-up by set-up that was captured more than once, [captures, cells]; NaN: unseen.
+
+        Args:
+            values: one a measurement, [n].
+        """
+        table = np.full((len(self.captures), int(self.cell.max()) + 1), np.nan)
+        table[self.owner, self.cell] = values
+        setups = np.array(self.setups or [0] * len(self.captures))
+        return [table[setups == one] for one in sorted(set(setups.tolist())) if (setups == one).sum() > 1]
 
     @property
     def views(self) -> tuple[View, View]:
@@ -138,6 +156,7 @@ def make_block(
             for family in captures[0].responses.probes
             if all(family in c.responses.probes for c in captures)
         },
+        tuple(c.setup for c in captures),
     )
 
 

@@ -160,7 +160,9 @@ class Cause:
         single = {name: p + 1e-300 for name, p in self.alone.items()}
         total, share = sum(single.values()), left / self.pair_probability
         alone = {name: (1.0 - left) * p / total for name, p in single.items()}
-        changed = {n: alone[n] + share * (p - self.alone[n]) for n, p in self.probabilities.items()}
+        changed = {  # differences of sums of exponentials, which round
+            n: min(1.0, alone[n] + share * max(0.0, p - self.alone[n])) for n, p in self.probabilities.items()
+        }
         return replace(self, probabilities=changed, pair_probability=left, alone=alone)
 
     def doubted(self, most: float) -> Cause:
@@ -356,7 +358,7 @@ def _weigh(
     others = float(logsumexp([*(w for name, w in weight.items() if name != "none"), *two]))
     factor = others - np.log(1 - prior.none) - evidence["none"].log_evidence
     best = pairs[int(np.argmax(two))] if pairs else None
-    pair_probability = float(np.exp(np.array(two) - total).sum())
+    pair_probability = min(1.0, float(np.exp(np.array(two) - total).sum()))
     cause = Cause(probabilities, evidence, float(factor), best, pair_probability, alone, likelihood=total)
     return cause if best is None else replace(cause, pair_share=share_of(best, pairs, two))
 

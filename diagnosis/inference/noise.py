@@ -154,7 +154,8 @@ def _smooth(first: CaptureResult, second: CaptureResult, model: NoiseModel, *, s
 def _missed(capture: CaptureResult, repeats: Sequence[CaptureResult], model: NoiseModel) -> Array:
     """Of a capture whose folds no simulated state has although another repeat's were found."""
     reference = capture.reference
-    beyond = [c.rms_m**2 - c.noise_m2 for c in repeats]  # repeats may be seen by several cameras
+    alike = [c for c in repeats if c.setup == capture.setup]  # an effect shows otherwise in another set-up
+    beyond = [c.rms_m**2 - c.noise_m2 for c in alike]  # repeats may be seen by several cameras
     further = capture.rms_m**2 - capture.noise_m2 - min(beyond)
     if further <= model.missed_m**2 or capture.scene == "hanging":
         return np.zeros((reference.count, reference.count))

@@ -110,17 +110,21 @@ def scattered_nats(block: Block) -> float:
     """Log odds that an effect which is another in every repeat makes what is seen, and not one that they share.
 
     The mean over repeats and their differences would have one variance: their ratio has an F distribution. If they
-    share something, the ratio's logarithm is anything in :data:`RATIOS`.
+    share something, the ratio's logarithm is anything in :data:`RATIOS`. Repeats are those of one set-up: what effects
+    do in another is another.
     """
-    count = len(block.captures)
-    if count < 2:
+    between, within, freedom = 0.0, 0.0, 0
+    tables = block.repeats(block.metres(block.stated.measured))
+    for table in tables:
+        seen = table[:, np.isfinite(table).all(axis=0)]
+        between += len(table) * float(np.mean(seen.mean(axis=0) ** 2))
+        within += (len(table) - 1) * float(np.var(seen, axis=0, ddof=1).mean())
+        freedom += len(table) - 1
+    if not tables:
         return 0.0
-    table = np.full((count, int(block.cell.max()) + 1), np.nan)
-    table[block.owner, block.cell] = block.metres(block.stated.measured)
-    seen = table[:, np.isfinite(table).all(axis=0)]
-    ratio = count * float(np.mean(seen.mean(axis=0) ** 2)) / float(np.var(seen, axis=0, ddof=1).mean())
-    freedom = (SCATTER_FREEDOM, SCATTER_FREEDOM * (count - 1))
-    return float(f_distribution.logpdf(ratio, *freedom) + np.log(ratio * RATIOS))
+    ratio = between / len(tables) / (within / freedom)
+    seen_freedom = (SCATTER_FREEDOM * len(tables), SCATTER_FREEDOM * freedom)
+    return float(f_distribution.logpdf(ratio, *seen_freedom) + np.log(ratio * RATIOS))
 
 
 def shows_scatter(blocks: Sequence[Block]) -> list[bool]:

@@ -62,7 +62,7 @@ STAGE_CHECKS: Mapping[StageName, str] = MappingProxyType(
         "fabric": "capture the samples once more turned by a quarter: what turns with them belongs to the fabric",
         "setup": "measure magnets and panel, and capture once more with another pin distance",
         "environment": "capture once more in still air with the panel wiped and discharged",
-        "camera": "calibrate the camera again, and capture once more from another distance",
+        "camera": "calibrate the camera again, and capture a set of its own from another distance to compare the sizes",
         "sensor": "capture the bare panel at two distances, which tells the sensor from the cloth",
     }
 )
@@ -190,7 +190,7 @@ def _of_none(report: GapReport, fabrics: int) -> list[str]:
     elif report.gap.detected:
         lines.append(
             "Check what is stated of fabrics and set-up, and add a repeat of every sample, taken down and hung again: "
-            "there is a gap, and no effect that was tried makes it smaller."
+            "there is a gap, and no effect is probable enough to be named."
         )
     elif cause.probabilities["none"] < SURE_OF_NONE or fabrics == 1 or is_wide(report) or not_tried(cause):
         lines.append(

@@ -98,7 +98,7 @@ def _has_repeats(diagnosis: Diagnosis) -> bool:
         return False
     scenes = {block.scene for block in diagnosis.blocks}
     judged = "stretch" if "stretch" in scenes else "hanging"
-    return any(len(block.captures) > 1 for block in diagnosis.blocks if block.scene == judged)
+    return any(block.repeated for block in diagnosis.blocks if block.scene == judged)
 
 
 def _where(diagnosis: Diagnosis) -> list[dict[str, str]]:

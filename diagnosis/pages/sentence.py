@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from diagnosis.diagnose import Diagnosis
 from diagnosis.effects import get_effect
 from diagnosis.gap.detection import ALARM, WEIGHTS
 from diagnosis.groups import group_of
 from diagnosis.pages.advice import is_wide, not_tried
-from diagnosis.report import GapReport
+from diagnosis.report import GapReport, Shrinkage
 
 TOLD = 0.05
 """A declared twin of what is named is told of from this probability on."""
@@ -35,7 +37,7 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"These captures do not tell what is missing ({gap}): {either} is likeliest, with probability {p:.2f} only."
         )
     if top == "none" and detected:
-        return f"They differ ({gap}), but nothing that was tried comes nearer (no effect: probability {p:.2f})."
+        return f"They differ ({gap}), but no effect is probable enough to be named (no effect: probability {p:.2f})."
     if top == "none":
         why = "; what is stated of the fabrics may be as wrong, or folds may have fallen otherwise"
         why = why if is_wide(report) else ""
@@ -52,16 +54,28 @@ def sentence(diagnosis: Diagnosis) -> str:
         )
         text += f"tell from it (together probability {p:.2f}). {summary}"
     if report.shrinkage is not None:
-        share = 100 * report.shrinkage.fraction
-        beside = "both" if len(names) == 2 else "it"
-        of = "the gap" if report.shrinkage.unit == "mm" else "what panel and pixels show"
-        if share >= 0.5:
-            text += f" With {beside}, {share:.0f} % of {of} above the floor goes away on held-out captures."
-        else:
-            text += f" Yet with {beside}, {of} does not shrink on held-out captures."
+        text += _shrinks(report.shrinkage, names)
     if all(get_effect(name).random_repeats for name in names):
         text += " It makes repeats scatter and shifts none of them: no simulation comes nearer with it."
     return text
+
+
+def _shrinks(found: Shrinkage, names: Sequence[str]) -> str:
+    """What held-out captures say, with how often the others named the same; declared twins count as the same."""
+    share, turns = 100 * found.fraction, found.named_without
+    again = sum(all(group_of(name) & set(turn) for name in names) for turn in turns)
+    beside = "both" if len(names) == 2 else "it"
+    of = "the gap" if found.unit == "mm" else "what panel and pixels show"
+    if turns and not again:
+        text = f" Without the captures that are held out in turn, {beside} would not be named: how far {of} shrinks"
+        return f"{text} with {beside} was not measured."
+    if share >= 0.5:
+        text = f" With {beside}, {share:.0f} % of {of} above the floor goes away on held-out captures"
+    else:
+        text = f" Yet with {beside}, {of} does not shrink on held-out captures"
+    if again < len(turns):
+        text += f"; without these, the others name {beside} in {again} of {len(turns)} turns, which lowers that share"
+    return f"{text}."
 
 
 def _gap_text(report: GapReport) -> str:
@@ -74,10 +88,14 @@ def _gap_text(report: GapReport) -> str:
             f"panel and pixels by {found.before:.1f} {found.unit} on held-out captures, where chance makes "
             f"{found.repeats or 1.0:.1f}; the cloth's shape by {shape}"
         )
-    if not gap.detected or gap.value > gap.noise_floor:
+    if not gap.detected or _alarms(gap.p_shape, "shape"):
         return shape
-    if gap.p_pixels is not None and gap.p_pixels < ALARM * WEIGHTS["pixels"]:
+    if gap.p_pixels is not None and _alarms(gap.p_pixels, "pixels"):
         return f"panel and pixels, p = {gap.p_pixels:.1g}; the cloth's shape by {shape}"
-    if gap.p_factor is not None and gap.p_factor < ALARM * WEIGHTS["factor"]:
+    if gap.p_factor is not None and _alarms(gap.p_factor, "factor"):
         return f"in what all captures have in common, p = {gap.p_factor:.1g}; the cloth's shape by {shape}"
     return shape
+
+
+def _alarms(p: float | None, test: str) -> bool:
+    return p is not None and p < ALARM * WEIGHTS[test]

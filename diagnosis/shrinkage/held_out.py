@@ -241,9 +241,10 @@ def measure_shrinkage(
             shown += [hold_out(block, sizes[name], rival, judge, whole) for block, whole in own]
     rows += [one.squares for one in shown]
     best = tuple(one for one in seen if one.block.scene == "stretch") or tuple(seen)
-    shifts = any(not get_effect(name).random_repeats for chosen in sizes.values() for name, _ in chosen)
-    fresh = bool(judge.looks) and shifts
-    return Measured(_summarise(np.stack(rows), judged, wrong, in_numbers, fresh), tuple(shown), best)
+    fresh = bool(judge.looks) and any(on_shapes(chosen) for chosen in sizes.values())
+    shrinkage = _summarise(np.stack(rows), judged, wrong, in_numbers, fresh)
+    named = tuple(tuple(name for name, _ in chosen) for chosen in sizes.values())
+    return Measured(shrinkage.model_copy(update={"named_without": named}), tuple(shown), best)
 
 
 def most_flexible_wrong(found: Cause, cause: Cause) -> Sized | None:
@@ -320,8 +321,7 @@ def hold_out(
         least = float(np.mean(before.variance[chosen])) if floor is None else floor
         squares = [float(np.mean(found.left[chosen] ** 2)) for found in (before, after, control)]
         rows.append([squares[0], squares[1], least, squares[2]])
-    repeated = len(repeats.captures) > 1
-    return Held(block, tuple(effects), np.array(rows), before.deviation, after.deviation, repeated)
+    return Held(block, tuple(effects), np.array(rows), before.deviation, after.deviation, repeats.repeated)
 
 
 def _unmoved(block: Block, effects: Sequence[Sized]) -> Held:

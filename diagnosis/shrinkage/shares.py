@@ -52,8 +52,8 @@ def interval_of(rows: Array, middle: Middle = root_mean_squares) -> Interval:
     rng = np.random.default_rng(0)
     draws = [fraction_of(rows[rng.integers(0, count, count)], middle) for _ in range(DRAWS)]
     high = max(min(1.0, value + _width(rows, middle, draws, 0.95)), value)
-    low = max(-1.0, value - _width(rows, middle, draws, 0.05 if high < 1.0 else 0.1))
-    return min(low, value), high
+    low = value - _width(rows, middle, draws, 0.05 if high < 1.0 else 0.1)
+    return min(max(-1.0, low) if value > -1.0 else low, value), high
 
 
 def _width(rows: Array, middle: Middle, draws: Sequence[float], quantile: float) -> float:

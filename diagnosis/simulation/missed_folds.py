@@ -29,7 +29,7 @@ def is_missed(square_m2: float, repeats_m2: Sequence[float], scene: SimulationSc
 
     Args:
         square_m2: of the capture's distance from its state, less the sensor's noise, which need not be the same in all.
-        repeats_m2: the same of all repeats, itself included.
+        repeats_m2: the same of all repeats put up alike, itself included.
         scene: of the capture.
     """
     if scene.setup.scene.value != "stretch":

@@ -223,5 +223,5 @@ def _effect_key(effect: Effect, state: KeyedDrape, scene: SimulationScene) -> st
     elif is_mended(effect, scene):
         cells["fine"] = "half sizes"
     if aside(effect):
-        cells["aside"] = "half sizes alone"
+        cells["aside"] = sorted(aside(effect))  # half sizes alone
     return content_key(what=effect.name, base=_key("effect", state, scene), changed=changed, **measured, **cells)

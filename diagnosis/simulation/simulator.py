@@ -41,6 +41,15 @@ class Cost:
         self.seconds += other.seconds
         self.out_of_time += other.out_of_time
 
+    def cut_short(self) -> list[str]:
+        """What has to be said of simulations that ran out of time, in words."""
+        if not self.out_of_time:
+            return []
+        return [
+            f"{self.out_of_time} of {self.simulations} simulations were stopped after {TIME_LIMIT_S:g} CPU seconds, before "
+            "they were at rest, and count as far as they came: use a coarser --resolution"
+        ]
+
 
 @dataclass(frozen=True)
 class KeyedDrape:

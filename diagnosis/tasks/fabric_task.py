@@ -12,7 +12,7 @@ from diagnosis.measurement.features import Features, measure
 from diagnosis.measurement.nearness import no_further
 from diagnosis.measurement.picture import noise_square, picture_of
 from diagnosis.measurement.reference import Reference, make_reference
-from diagnosis.scene import SimulationScene
+from diagnosis.scene import SimulationScene, put_up_alike
 from diagnosis.simulation.base_state import nearest_state
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.missed_folds import further_states, is_missed
@@ -107,6 +107,7 @@ class CaptureResult:
         warps: see :func:`diagnosis.simulation.warps.warp_responses`.
         pose: see :func:`diagnosis.simulation.pose_error.pose_responses`.
         noise_m2: what of the square of ``rms_m`` the sensor's noise is said to make [m²].
+        setup: number of its set-up among the fabric's and scene's; equal for those that repeat each other.
     """
 
     id: str
@@ -124,6 +125,7 @@ class CaptureResult:
     warps: NDArray[np.float64]
     pose: NDArray[np.float64] | None = None
     noise_m2: float = 0.0
+    setup: int = 0
 
 
 @dataclass(frozen=True)
@@ -173,6 +175,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
     for name in sorted({c.scene.setup.scene.value for c in task.captures}):
         own = [c for c in task.captures if c.scene.setup.scene.value == name]
         keys: list[str] = []
+        setups: list[Setup] = []
         states: list[SeenState] = []
         try:
             nearest = find_states(simulator, task, own)
@@ -181,6 +184,8 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
         for capture, (drape, rms) in zip(own, nearest, strict=True):
             if drape.key not in keys:
                 keys.append(drape.key)
+            if not any(put_up_alike(capture.scene.setup, setup) for setup in setups):
+                setups.append(capture.scene.setup)
             state = next((s for s in states if s.drape.key == drape.key and s.scene == capture.scene), None)
             reference = make_reference(drape.drape, capture.scene) if state is None else state.reference
             measured = measure(capture.depth, reference)
@@ -205,6 +210,7 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                     state.warps,
                     pose_responses(drape.drape, capture.scene, state.reference, capture.pose_error_m),
                     noise_square(capture.scene),
+                    next(n for n, setup in enumerate(setups) if put_up_alike(capture.scene.setup, setup)),
                 )
             )
     return FabricResult(task, tuple(results), simulator.cost)
@@ -230,7 +236,9 @@ def find_states(
         nearest.append((drape, rms))
     beyond = [rms**2 - noise_square(c.scene) for (_, rms), c in zip(nearest, captures, strict=True)]
     for number, capture in enumerate(captures):
-        if is_missed(beyond[number], beyond, capture.scene):
+        setups = [c.scene.setup for c in captures]
+        alike = [b for b, setup in zip(beyond, setups, strict=True) if put_up_alike(capture.scene.setup, setup)]
+        if is_missed(beyond[number], alike, capture.scene):
             again = find_state(simulator, task, capture, further=True)
             nearest[number] = min(nearest[number], again, key=lambda one: (not one[0].drape.ok, one[1]))
     return nearest

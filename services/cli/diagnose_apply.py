@@ -10,7 +10,7 @@ from diagnosis.effect import Stage
 from diagnosis.effects import get_effect
 from diagnosis.extension import MOST_PIN_RADIUS_M
 from diagnosis.groups import group_of
-from diagnosis.scene import SimulationScene
+from diagnosis.scene import SimulationScene, put_up_alike
 from simcore.scenes import Setup
 
 if TYPE_CHECKING:
@@ -63,6 +63,10 @@ def _of_another_rig(made: SimulatorExtension, scenes: list[SimulationScene]) -> 
             f"the size of {' and '.join(on_cloth)} was found on samples of {found} mm and is applied as it is "
             f"to samples of {1e3 * usual[0]:g} x {1e3 * usual[1]:g} mm"
         )
+    if on_cloth and any(not scene.setup.panel for scene in scenes):
+        yield "there was no panel behind captures, and there is one in simulated pictures"
+    if on_cloth and any(not put_up_alike(_nominal_as(scene), scene.setup) for scene in scenes):
+        yield "magnets sat elsewhere in the captures than in simulated pictures, which the size of an effect may go with"
     names = {effect.name for effect in made.effects}
     sharp = {_pixels_a_metre(scene) / _pixels_a_metre(nominal) for scene in scenes}
     if "sensor_smoothing" in names and any(abs(share - 1.0) > ALIKE for share in sharp):
@@ -82,6 +86,14 @@ def _of_another_rig(made: SimulatorExtension, scenes: list[SimulationScene]) -> 
             f"range_noise is at the panel's distance in the captures; at the {nominal.sensor.at_m:g} m of an ideal "
             f"sensor it would be {_between(noise)} times as large"
         )
+
+
+def _nominal_as(scene: SimulationScene) -> Setup:
+    """The nominal set-up of a capture's scene, its sample's size and panel, and what its magnets hold."""
+    stated = scene.setup
+    return Setup.nominal(
+        stated.scene, sample_size_m=stated.sample_size_m, pin_radius_m=stated.pin_radius_m, panel=stated.panel
+    )
 
 
 def _goes_with_the_sample(name: str) -> bool:

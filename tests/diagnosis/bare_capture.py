@@ -16,8 +16,8 @@ BARE_LENGTH = BARE_CELLS + len(PLANE_NAMES)
 """Of a shape-and-plane vector."""
 
 
-def bare_capture(rms_m: float, pose: np.ndarray | None = None) -> Any:
-    """In `stretch`, so far from its state [m]; ``pose`` as in ``CaptureResult``, [6, BARE_LENGTH]."""
+def bare_capture(rms_m: float, pose: np.ndarray | None = None, setup: int = 0) -> Any:
+    """In `stretch`, so far from its state [m]; ``pose`` [6, BARE_LENGTH] and ``setup`` as in ``CaptureResult``."""
     reference = SimpleNamespace(
         count=BARE_CELLS,
         length=BARE_LENGTH,
@@ -39,4 +39,5 @@ def bare_capture(rms_m: float, pose: np.ndarray | None = None) -> Any:
         noise_m2=0.0,
         scene="stretch",
         pose=pose,
+        setup=setup,
     )

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from capture.capture_set import CAPTURES_FILE
+from diagnosis.blind import same_catalogue
 from diagnosis.blind.answers import REPORTS_FOLDER, Answer, answer_cases, open_label, open_labels, read_manifest
 from diagnosis.blind.claims import Claims, alone
 from diagnosis.blind.make import (
@@ -27,6 +28,7 @@ from diagnosis.blind.make import (
     hidden_effects,
     is_sealed,
     make_blind_check,
+    plan_of,
     simulable_wrong,
     visible_effects,
 )
@@ -236,6 +238,20 @@ def test_folders_without_a_check_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         case_maker(tmp_path, BlindPlan(1, 1))
     assert caught.value.code == "blind_other_plan"
+
+
+def test_a_check_is_not_gone_on_with_under_another_catalogue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Labels to come would be of another deck, and answers of two catalogues would be counted as one check's."""
+    case_maker(tmp_path, BlindPlan(1, 1))
+    case_maker(tmp_path, BlindPlan(1, 1))
+    effects = dict(catalogue())
+    odds = replace(effects["crease"], odds=(9.0, *effects["crease"].odds[1:]))
+    assert plan_of(read_manifest(tmp_path)) == BlindPlan(1, 1)
+    for changed in (effects | {"crease": odds}, {n: e for n, e in effects.items() if n != "crease"}):
+        monkeypatch.setattr(same_catalogue, "catalogue", lambda changed=changed: changed)
+        with pytest.raises(InputError) as caught:
+            case_maker(tmp_path, BlindPlan(1, 1))
+        assert caught.value.code == "blind_catalogue"
 
 
 def test_a_group_of_cases_belongs_to_one_of_several_processes(tmp_path: Path) -> None:

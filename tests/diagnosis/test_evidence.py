@@ -184,6 +184,12 @@ def test_a_capture_whose_folds_were_not_found_is_trusted_less_than_its_repeat() 
     np.testing.assert_allclose(missed - found, 0.003**2 - 0.001**2)
 
 
+def test_what_shows_better_in_another_set_up_is_trusted_as_much() -> None:
+    captures = [bare_capture(0.001), bare_capture(0.003, setup=1)]
+    variance = np.diag(feature_covariance(captures, [0.07] * 7, NoiseModel()))
+    np.testing.assert_allclose(variance[:BARE_CELLS], variance[BARE_LENGTH : BARE_LENGTH + BARE_CELLS])
+
+
 def test_a_refuted_effect_leaves_its_probability_to_none_and_unknown() -> None:
     blocks, pixels = a_set("air_draft", {SCALAR: 0.3}, range(FABRICS))
     cause = name_cause(("air_draft", "edge_curl"), blocks, pixels)

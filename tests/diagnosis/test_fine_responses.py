@@ -15,7 +15,7 @@ from diagnosis.measurement.reference import make_reference
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation import variations
 from diagnosis.simulation.drape_cache import DrapeCache
-from diagnosis.simulation.responses import find_responses, responses_with
+from diagnosis.simulation.responses import _effect_key, find_responses, responses_with
 from diagnosis.simulation.simulator import KeyedDrape, Simulator
 from diagnosis.simulation.sizes import aside, nodes
 from diagnosis.simulation.variations import Variations, clean
@@ -144,3 +144,15 @@ def test_where_the_cloth_hangs_free_coarse_cells_serve(tmp_path_factory: pytest.
     half = look.change(fabric, get_effect("hem_weight").apply(scene, nodes(get_effect("hem_weight"))[0]))
     np.testing.assert_allclose(found.effects["hem_weight"][0], [half, 2 * half], atol=1e-12)
     np.testing.assert_allclose(found.pins, look.pins(), atol=1e-12)
+
+
+def test_responses_are_made_anew_where_other_places_are_the_likeliest() -> None:
+    """Full sizes are simulated at the likeliest places alone."""
+    effect, still = get_effect("crease"), KeyedDrape(None, "state")  # type: ignore[arg-type]
+    scene = SimulationScene(Setup.nominal("stretch"))
+    places = tuple({"down": 1.0, "position": at} for at in (0.3, 0.5, 0.7))
+    keys = {
+        _effect_key(replace(effect, places=places, odds=odds, between=()), still, scene)
+        for odds in ((4.0, 1.0, 1.0), (1.0, 4.0, 1.0), (8.0, 2.0, 2.0))
+    }
+    assert len(keys) == 2

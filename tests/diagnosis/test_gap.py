@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from diagnosis.gap.detection import WEIGHTS, detect
 from diagnosis.gap.floor import repeat_squares
 from diagnosis.inference.likelihood import LikelihoodModel
+from diagnosis.inference.scatter import scattered_nats
 from diagnosis.report import Gap
 from tests.diagnosis.where_blocks import BULGE, make_blocks, make_pixels
 
@@ -54,3 +56,26 @@ def test_the_floor_is_the_variance_between_repeats() -> None:
     assert repeat_squares(block, values) == pytest.approx(0.003**2 / 2.0)
     chosen = block.cell < 5
     assert repeat_squares(block, np.where(chosen, values, 7.0 * block.owner), chosen) == pytest.approx(0.003**2 / 2.0)
+
+
+def test_captures_of_two_set_ups_do_not_repeat_each_other() -> None:
+    (block, *_) = make_blocks(np.random.default_rng(0))
+    values = np.where(block.owner == 0, 0.001, 0.004)
+    apart = replace(block, setups=(0, 1))
+    assert block.repeated and not apart.repeated
+    assert repeat_squares(apart, values) is None and scattered_nats(apart) == 0.0
+
+
+def test_the_floor_of_two_set_ups_is_that_of_repeats_within_each() -> None:
+    """Two differ by 2 mm, three others by as much around another mean: variances 2 and 4 with 1 and 2 freedoms."""
+    (block, *_) = make_blocks(np.random.default_rng(0), scatter_m=0.0)
+    cells = int(block.cell.max()) + 1
+    both = replace(
+        block,
+        captures=tuple("abcde"),
+        setups=(0, 1, 0, 1, 1),
+        owner=np.repeat(np.arange(5), cells),
+        cell=np.tile(np.arange(cells), 5),
+    )
+    values = np.array([0.0, 0.010, 0.002, 0.012, 0.014])[both.owner]
+    assert repeat_squares(both, values) == pytest.approx((1 * 2e-6 + 2 * 4e-6) / 3)

@@ -266,6 +266,16 @@ def test_where_the_shape_is_within_its_floor_the_sentence_says_what_differs() ->
         assert words in text and "the cloth's shape by 0.30 mm within the noise floor" in text
 
 
+def test_where_pixels_alone_raise_the_alarm_the_shape_is_not_blamed_for_it() -> None:
+    """The shape lies beyond the scatter of repeats nearly always: by no more than is expected."""
+    made = report("unknown", 0.97)
+    ps = {"p_shape": 0.9, "p_pixels": 1e-9, "p_factor": 1.0}
+    for shape, words in ((0.9, "panel and pixels, p = 1e-09; the cloth's shape by 1.00 mm against"), (1e-6, "(1.00 mm")):
+        gap = Gap.model_validate({**made.gap.model_dump(), "value": 1.0, **ps, "p_shape": shape})
+        text = sentence(SimpleNamespace(report=made.model_copy(update={"gap": gap})))  # type: ignore[arg-type]
+        assert words in text
+
+
 def test_a_declared_twin_that_is_as_likely_is_told_of_and_counts_with_what_is_named() -> None:
     level = told("air_draft", 0.49, panel_tilt=0.49, pin_spacing=0.02)
     assert "air_draft, or in its place panel_tilt" in level and "together probability 0.98" in level
@@ -316,12 +326,14 @@ def test_an_answer_from_a_part_of_the_catalogue_does_not_speak_for_all_of_it() -
     assert "no effect that was tried explains it" in sentence(SimpleNamespace(report=made))  # type: ignore[arg-type]
 
 
-def closed(top: str, unit: str = "mm", fraction: float = 0.9) -> str:
+def closed(
+    top: str, unit: str = "mm", fraction: float = 0.9, named_without: tuple[tuple[str, ...], ...] = ()
+) -> str:
     """The sentence of a report with a shrinkage, of a gap that is smaller than its floor."""
     made = report(top, 0.95)
     shrinkage = Shrinkage(
         held_out=("a",), before=6.0, after=1.5, noise_floor=1.0, repeats=1.0, fraction=fraction, unit=unit,
-        interval_90=(-1.0, 1.0),
+        interval_90=(-1.0, 1.0), named_without=named_without,
     )  # fmt: skip
     gap = made.gap.model_copy(update={"value": 0.3})
     return sentence(SimpleNamespace(report=made.model_copy(update={"shrinkage": shrinkage, "gap": gap})))  # type: ignore[arg-type]
@@ -337,6 +349,15 @@ def test_the_sentence_says_what_it_is_that_goes_away() -> None:
     assert "Yet with it, the gap does not shrink" in closed("pin_drop", fraction=-0.03)
     assert "no simulation comes nearer with it" in closed("bending_hysteresis")
     assert "no simulation" not in closed("hem_weight")
+
+
+def test_the_sentence_says_how_often_what_is_named_was_named_without_what_is_held_out() -> None:
+    draft, tilt, nothing, curl = ("air_draft",), ("panel_tilt",), (), ("edge_curl",)
+    assert "held-out captures." in closed("air_draft", named_without=(draft, tilt, ("air_draft", "crease")))
+    some = closed("air_draft", fraction=0.11, named_without=(draft, nothing, curl))
+    assert "11 % of the gap" in some and "the others name it in 1 of 3 turns" in some
+    none = closed("air_draft", fraction=0.0, named_without=(nothing, curl))
+    assert "it would not be named" in none and "was not measured" in none and "does not shrink" not in none
 
 
 @pytest.mark.parametrize(("repeats", "names"), [(1.0, []), (2.0, ["repeats"]), (None, [])])

@@ -104,6 +104,30 @@ def test_states_of_another_set_up_spare_no_search(monkeypatch: pytest.MonkeyPatc
     assert given == {"a": {}, "b": {}, "c": {"a": 0.002}}
 
 
+def test_what_an_effect_does_with_pins_elsewhere_is_no_missed_fold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wider pin distance shows the effect better; a magnet put back 1 mm off makes a repeat."""
+    wider = STRETCH.with_setup(STRETCH.setup.with_pins(top_left=(-0.26, 0.0, 0.0)))
+    again = STRETCH.with_setup(STRETCH.setup.with_pins(top_left=(-0.246, 0.0, 0.0)))
+    distances = {"a": 0.003, "b": 0.008, "c": 0.003, "d": 0.008}
+    asked: list[str] = []
+
+    def find(simulator: Any, task: Any, capture: Any, found: Any = None, *, further: bool = False) -> tuple[Any, float]:
+        if further:
+            asked.append(capture.id)
+        state: Any = KeyedDrape(SimpleNamespace(ok=True), capture.id)  # type: ignore[arg-type]
+        return state, distances[capture.id]
+
+    monkeypatch.setattr(fabric_task, "find_state", find)
+    nothing: Any = None
+    for scenes, missed in (({"a": STRETCH, "b": wider, "c": STRETCH}, []), ({"a": STRETCH, "d": again}, ["d"])):
+        asked.clear()
+        seen = tuple(CaptureTask(name, 0, np.zeros((1, 1), np.float32), scene, True) for name, scene in scenes.items())
+        if len(scenes) == 3:  # alone in its set-up, it is sought on if it is as far as one capture alone may not be
+            monkeypatch.setattr(missed_folds, "MISSED_ALONE_M", 0.02)
+        find_states(nothing, FabricTask("f", SOFT, (0.07,) * 7, seen, ()), seen)
+        assert asked == missed
+
+
 def test_further_samples_rest_with_magnets_where_they_are_stated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(missed_folds, "FURTHER_SEEDS", range(100, 103))
     mesh = GridMesh(0.02)

@@ -34,6 +34,8 @@ def test_one_block_says_nothing_of_others_and_of_alike_ones_others_leave_a_littl
     assert interval_of(row) == (-1.0, 1.0)
     worse = np.array([[1.0, 16.0, 0.25]])
     assert interval_of(worse)[0] == fraction_of(worse) < -1.0
+    low, high = interval_of(np.repeat(worse, 4, axis=0))
+    assert low < fraction_of(worse) < high  # of several blocks, too: what lies below is not cut off
     more, less = (np.array([[16.0, left**2, 0.25]]) for left in (1.0 + OTHERWISE, 1.0 / (1.0 + OTHERWISE)))
     assert interval_of(np.repeat(row, 4, axis=0)) == pytest.approx((fraction_of(more), fraction_of(less)))
 

@@ -133,6 +133,7 @@ def test_what_is_known_is_fitted_on_the_others_though_they_do_not_name_it(
     folds = folds_of(fabrics, blocks, NOISE)
     for known, expected in ((True, tuple(zip(names, sizes, strict=True))), (False, ())):
         found = shrinkage.measure_shrinkage(both, names, folds, pixels, LikelihoodModel(), known=known)
+        assert found is not None and found.shrinkage.named_without == ((names,) * 2 if known else ((), ()))
         assert found is not None and len(found.held) == 2
         assert all(one.effects == expected for one in found.held)
         assert all((one.squares[-1, 1] == one.squares[-1, 0]) is not known for one in found.held)

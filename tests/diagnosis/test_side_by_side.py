@@ -55,3 +55,9 @@ def test_everything_that_a_look_knows_is_taken_over() -> None:
     look = fresh("f1")
     shared = {name for name, value in vars(look).items() if isinstance(value, dict)}
     assert shared == set(LEARNT)
+
+
+def test_simulations_that_ran_out_of_time_are_told() -> None:
+    assert Cost(simulations=9).cut_short() == []
+    (line,) = Cost(simulations=9, out_of_time=2).cut_short()
+    assert "2 of 9 simulations" in line and "--resolution" in line

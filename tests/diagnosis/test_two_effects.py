@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from diagnosis.cause_report import as_likely, moved_along
+from diagnosis.cause_report import as_can_be, as_likely, moved_along
 from diagnosis.effect import SCALAR
 from diagnosis.effects import get_effect
 from diagnosis.inference import pairs as pairs_module
@@ -294,6 +294,9 @@ def test_an_interval_moves_along_with_a_size_that_another_effect_changes() -> No
     assert draft[SCALAR] == pytest.approx((-0.2, 0.0))
     vector = moved_along({"tx": (1.0, 3.0), "ty": (0.0, 1.0)}, {"tx": 2.0, "ty": 0.5}, {"tx": 3.0, "ty": 0.5})
     assert vector == {"tx": (2.0, 4.0), "ty": (0.0, 1.0)}
-    most = {SCALAR: get_effect("edge_flying_pixels").components[SCALAR].most}
-    share = moved_along({SCALAR: (0.55, 0.85)}, {SCALAR: 0.65}, {SCALAR: 0.95}, most)  # no more than all of them
-    assert share[SCALAR] == pytest.approx((0.55 * 95 / 65, 1.0))
+
+
+def test_an_interval_holds_no_size_that_cannot_be() -> None:
+    share = get_effect("edge_flying_pixels")
+    assert as_can_be({SCALAR: (0.71, 1.39)}, share) == {SCALAR: (0.71, 1.0)}
+    assert as_can_be({SCALAR: (-2.0, 0.5)}, get_effect("air_draft")) == {SCALAR: (-2.0, 0.5)}

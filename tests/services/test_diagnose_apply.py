@@ -66,6 +66,16 @@ def test_the_radius_is_the_one_that_was_simulated() -> None:
     assert held_m(found(held(0.11))) is None and any("110 mm" in line for line in doubts(made(), found(held(0.11))))
 
 
+def test_set_ups_that_simulated_pictures_do_not_have_are_told() -> None:
+    bare = PLAIN.with_setup(replace(PLAIN.setup, panel=False))
+    assert ["no panel behind" in line for line in doubts(made(hem_weight=20.0), found(bare))] == [True]
+    wide = PLAIN.with_setup(PLAIN.setup.with_pins(top_left=(-0.26, 0.0, 0.0)))
+    assert ["magnets sat elsewhere" in line for line in doubts(made(hem_weight=20.0), found(PLAIN, wide))] == [True]
+    assert list(doubts(made(sensor_smoothing=2.0), found(bare, wide))) == []
+    again = PLAIN.with_setup(PLAIN.setup.with_pins(top_left=(-0.246, 0.0, 0.0)))
+    assert list(doubts(made(hem_weight=20.0), found(again))) == []
+
+
 def test_sizes_of_another_rig_are_told() -> None:
     small = SimulationScene(Setup.nominal("stretch", sample_size_m=(0.25, 0.25)))
     assert any("samples of 250 x 250 mm" in line for line in doubts(made(hem_weight=20.0), found(small)))
