@@ -123,7 +123,8 @@ def learn(out: Path, name: str, simulator: Path | None, options: argparse.Namesp
         if not folder.exists():
             began = time.process_time()
             source = StoreSource(out / f"{name}.zarr")
-            train(source, as_symmetric(replace(preset_config("quick"), seed=seed), source.provenance())).save(folder)
+            config, known = replace(preset_config("quick"), seed=seed), source.provenance()
+            train(source, as_symmetric(config, known), provenance=known).save(folder)
             print(f"{folder.name}: {time.process_time() - began:.0f} CPU s", flush=True)
 
 

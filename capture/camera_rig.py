@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +21,17 @@ MAX_SPREAD_M = 0.015
 MAX_SPREAD_RAD = float(np.radians(2.0))
 """Poses turned against each other by more than this are not of one fixed camera."""
 
+MAX_SHIFT_M = 0.045
+"""Edges of a stretched sample that lie further along the panel [m] from where the others' pose has them were seen from
+elsewhere. They are found to 1 to 3 cm: as the open sets were taken, 36 mm from it at most."""
+
 ELSEWHERE = "the camera stood elsewhere than for the captures that gave the others' pose: so its picture says"
 AT_ODDS = "the pictures do not give one pose of one camera: each keeps its own"
+SHIFTED = (
+    "the sample's edges lie elsewhere on the panel than the others' pose has them, as where the camera was moved: its "
+    "own pose, good to 1-3 cm, was taken; leave camera and magnets where they are and take the pictures again, or "
+    "state camera_from_panel"
+)
 NO_POSE = "its own picture gives no pose: it has that of the others"
 
 
@@ -57,8 +68,8 @@ def share_pose(
 
     ``hanging`` pictures show the pinned corners clearly, ``stretch`` pictures do not: where there are both, the pose
     comes from the hanging ones. Where the estimates do not agree, each capture keeps its own; where most do, one keeps
-    its own that is far from them and fits its pins, or whose panel is not where their pose has it: the camera stood
-    elsewhere for it.
+    its own that is far from them and fits its pins, or whose panel is not where their pose has it, or, of ``stretch``
+    pictures that go by ``hanging`` ones, whose edges are not: the camera stood elsewhere for it.
 
     Args:
         scenes: of the captures.
@@ -68,22 +79,26 @@ def share_pose(
     Raises:
         InputError: a capture cannot be registered and there is no common pose, or it is not of that one.
     """
+    own = [cache(one) for one in alone]
     hanging = [i for i, scene in enumerate(scenes) if scene is Scene.HANGING]
     votes: dict[int, Registration] = {}
     failures: dict[int, InputError] = {}
     for i in hanging or range(len(scenes)):
         try:
-            votes[i] = alone[i]()
+            votes[i] = own[i]()
         except InputError as error:
             failures[i] = error
     pose = common_pose([vote.camera_from_panel for vote in votes.values()]) if len(scenes) > 1 and votes else None
     if pose is None:
         if failures:
             raise next(iter(failures.values()))
-        own = [votes.get(i) or alone[i]() for i in range(len(scenes))]
-        return own if len(own) < 2 else [_noted(one, AT_ODDS) for one in own]
-    apart = {i for i, vote in votes.items() if not _near(vote.camera_from_panel, pose) and _fits(vote)}
-    apart |= {i for i, plane in enumerate(planes) if plane is not None and not _on_panel(plane, pose)}
+        kept = [one() for one in own]
+        return kept if len(kept) < 2 else [_noted(one, AT_ODDS) for one in kept]
+    apart = {i: ELSEWHERE for i, vote in votes.items() if not _near(vote.camera_from_panel, pose) and _fits(vote)}
+    seen = {i: plane for i, plane in enumerate(planes) if plane is not None}
+    apart |= {i: ELSEWHERE for i, plane in seen.items() if not _on_panel(plane, pose)}
+    by_edges = [i for i in seen if scenes[i] is Scene.STRETCH and i not in apart and i not in votes]
+    apart |= {i: SHIFTED for i in by_edges if _edges_elsewhere(own[i], pose)}
     agreeing = sum(_near(vote.camera_from_panel, pose) for vote in votes.values())
     still = f"the camera stood still over {len(scenes) - len(apart)} captures; {agreeing} gave its pose"
     example = replace(next(iter(votes.values())), pin_error_m=None, unusual=())
@@ -92,7 +107,7 @@ def share_pose(
         if i in apart:
             if i in failures:
                 raise failures[i]
-            shared.append(_noted(votes.get(i) or alone[i](), ELSEWHERE))
+            shared.append(_noted(own[i](), apart[i]))
             continue
         one = votes.get(i, example)
         one = replace(one, camera_from_panel=pose, assumed=(*one.assumed, still))
@@ -108,6 +123,17 @@ def _on_panel(plane: Plane, pose: NDArray[np.float64]) -> bool:
     """Whether a panel as a picture shows it may be the one that a pose [4, 4] has before the camera."""
     turned = np.arccos(np.clip(plane.normal @ pose[:3, 2], -1.0, 1.0))
     return bool(abs(plane.height(pose[:3, 3])) < MAX_SPREAD_M and turned < MAX_SPREAD_RAD)
+
+
+def _edges_elsewhere(alone: Callable[[], Registration], pose: NDArray[np.float64]) -> bool:
+    """Whether a stretched sample's edges, as ``alone`` finds them, lie further along the panel than
+    :data:`MAX_SHIFT_M` from where a pose [4, 4] has them; edges that are not found say nothing."""
+    try:
+        found = alone().camera_from_panel
+    except InputError:
+        return False
+    right, up = (found[:3, 3] - pose[:3, 3]) @ pose[:3, :2]
+    return math.hypot(right, up) > MAX_SHIFT_M
 
 
 def _near(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:

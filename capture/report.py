@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture.camera_rig import SHIFTED
 from capture.outline import expected_outline
 from capture.picture import pixel_footprint_m
 from capture.prepare import PreparedCapture
@@ -19,6 +20,10 @@ MAX_PANEL_RMS_M = 0.006
 MAX_PANEL_OFFSET_M = 0.004
 MAX_PANEL_TURN_DEG = 0.4
 MAX_PIN_ERROR_M = 0.015
+BY_EDGES_ALONE = (
+    "a stretched sample alone places the camera to 1-3 cm, and says nothing of one on its side: add a hanging picture "
+    "or give the pose"
+)
 
 
 @dataclass(frozen=True)
@@ -141,13 +146,7 @@ def _warnings(prepared: PreparedCapture, panel: PanelReport | None, holes: float
             f"the panel is turned by {panel.turned_deg:.1f} degrees and {1e3 * panel.offset_m:+.0f} mm off the pose: "
             "correct camera_from_panel, or set it to null to have it found"
         )
-    found += pins_far(registration)
-    found += registration.doubts
-    if registration.method == "panel_and_edges":
-        found.append(
-            "a stretched sample alone places the camera to 1-3 cm, and says nothing of one on its side: add a hanging "
-            "picture or give the pose"
-        )
+    found += pose_doubts(registration)
     found += at_border(region)
     if cloth_share > MAX_CLOTH_SHARE:
         found.append(
@@ -167,6 +166,14 @@ def holes_of(prepared: PreparedCapture) -> float:
         return prepared.region.holes
     expected = expected_outline(capture.camera, prepared.registration.camera_from_panel, capture.setup)
     return hole_share(prepared.depth, prepared.region.mask, expected)
+
+
+def pose_doubts(registration: Registration) -> list[str]:
+    """In words, what speaks against a pose, or for how little it can be trusted."""
+    found = [*pins_far(registration), *registration.doubts]
+    if registration.method == "panel_and_edges" and SHIFTED not in found:  # which says how good it is
+        found.append(BY_EDGES_ALONE)
+    return found
 
 
 def pins_far(registration: Registration) -> list[str]:

@@ -39,6 +39,11 @@ class FabricDescriptor:
     sketches: dict[Scene, NDArray[np.float32]]
     pictures: dict[Scene, NDArray[np.uint8]]
 
+    @property
+    def nbytes(self) -> int:
+        """Memory that its arrays take [bytes]."""
+        return sum(rows.nbytes for rows in self.sketches.values()) + sum(p.nbytes for p in self.pictures.values())
+
 
 def describe(renders: RenderSets, backend: Sketched, cache: FeatureCache) -> FabricDescriptor:
     """Descriptor of a fabric's renders.
@@ -86,12 +91,15 @@ class DescriptorStore:
         folder: one file a fabric; None for memory alone.
         most: descriptors held in memory where a folder keeps the others; those not used for longest go first.
         most_bytes: kept in the folder.
+        memory_bytes: held in memory, with a folder or without; the last one stays, however large.
     """
 
     folder: Path | None = None
     most: int = 256
     most_bytes: int = 20 * 2**30
+    memory_bytes: int = 2**30
     _memory: OrderedDict[str, FabricDescriptor] = field(default_factory=OrderedDict)
+    _held: int = 0
 
     def load(self, key: str) -> FabricDescriptor | None:
         """A kept descriptor, or None."""
@@ -131,6 +139,10 @@ class DescriptorStore:
             trim_folder(self.folder, self.most_bytes, ".npz")
 
     def _hold(self, key: str, descriptor: FabricDescriptor) -> None:
+        if key in self._memory:
+            self._held -= self._memory.pop(key).nbytes
         self._memory[key] = descriptor
-        while self.folder is not None and len(self._memory) > self.most:
-            self._memory.popitem(last=False)
+        self._held += descriptor.nbytes
+        most = len(self._memory) if self.folder is None else self.most
+        while len(self._memory) > most or (self._held > self.memory_bytes and len(self._memory) > 1):
+            self._held -= self._memory.popitem(last=False)[1].nbytes

@@ -34,6 +34,8 @@ class DrapeRequest:
         seed: seed of the whole job.
         resolution_m: edge of a mesh cell [m].
         attempts: how often to try.
+        failures: why the first of these attempts failed, where that is known: they are not made again. A request is
+            the same with and without.
     """
 
     fabric: FabricParameters
@@ -42,6 +44,7 @@ class DrapeRequest:
     seed: int
     resolution_m: float
     attempts: int = 3
+    failures: tuple[str, ...] = field(default=(), compare=False)
 
     def solver_seed(self, attempt: int) -> tuple[int, ...]:
         """Words of the solver's seed sequence for one attempt."""
@@ -65,11 +68,16 @@ class RequestResult:
     failures: tuple[str, ...] = ()
     engine: str = field(default="", compare=False)
 
+    @property
+    def settled(self) -> bool:
+        """There are pictures, or no attempt is left to make."""
+        return self.render is not None or len(self.failures) >= self.request.attempts
+
 
 def run_request(request: DrapeRequest) -> RequestResult:
     """Simulate until one attempt comes to rest, then render. Runs in the process that owns the Taichi runtime."""
-    failures: list[str] = []
-    for attempt in range(request.attempts):
+    failures = list(request.failures)
+    for attempt in range(len(failures), request.attempts):
         drape = _solver(request.resolution_m).solve(
             request.fabric, Setup.nominal(request.scene), seed=request.solver_seed(attempt)
         )

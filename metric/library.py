@@ -29,9 +29,9 @@ def load_library(path: str | Path) -> list[LibraryFabric]:
     """Read a library, CSV or JSON (:func:`simcore.fabric_rows.read_rows`); every fabric has an id.
 
     Raises:
-        InputError: no such file, not readable, no fabrics, an id missing or twice, unusable numbers.
+        InputError: no such file, not readable, a column missing, no fabrics, an id missing or twice, unusable numbers.
     """
-    return parse_library(read_rows(path), str(path))
+    return parse_library(read_rows(path, with_ids=True), str(path))
 
 
 def parse_library(rows: Iterable[Any], where: str) -> list[LibraryFabric]:

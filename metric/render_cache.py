@@ -1,4 +1,4 @@
-"""Renders kept on disk, so that a fabric is simulated once whatever it is compared with."""
+"""Renders kept on disk, so that a fabric is simulated once whatever it is compared with; failures, too."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import hashlib
 import io
 import zipfile
 import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metric.draping import DrapeRequest, RequestResult
 from metric.engine import engine_fingerprint
@@ -17,13 +20,15 @@ from metric.render import DrapeRender
 from renderer.atomic import write_atomically
 from renderer.camera import CANONICAL_CAMERA
 from renderer.trim import mark_used, trim_folder
+from simcore.drape import OUT_OF_TIME
 
 
 @dataclass(frozen=True)
 class RenderCache:
     """A folder of renders, one file a simulation.
 
-    A file is found again only by a request with the same numbers and by the same simulation and rendering code.
+    A file is found again only by a request with the same numbers and by the same simulation and rendering code. One
+    of a simulation that did not come to rest has the attempts' failures and no pictures.
 
     Attributes:
         folder: where the files are.
@@ -34,35 +39,31 @@ class RenderCache:
     most_bytes: int = 10 * 2**30
 
     def load(self, request: DrapeRequest) -> RequestResult | None:
-        """The result of an earlier run of the same request, or None."""
+        """What an earlier run of the same request came to, or None.
+
+        A result that is not :attr:`~metric.draping.RequestResult.settled` has the failures of fewer attempts than are
+        asked for now: the others are still to be made.
+        """
         try:
             with np.load(self._path(request), allow_pickle=False) as data:
-                render = DrapeRender(
-                    shaded=data["shaded"],
-                    depth=data["depth"],
-                    camera=CANONICAL_CAMERA,
-                    panel_depth_m=float(data["panel_depth_m"]),
-                )
                 failures = tuple(str(f) for f in data["failures"])
+                # with no more attempts than failed it would not have come to rest
+                render = _read_render(data) if "shaded" in data and len(failures) < request.attempts else None
                 mark_used(self._path(request))
-                # with fewer attempts it would not have come to rest
-                return RequestResult(request, render, failures) if len(failures) < request.attempts else None
         except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
             return None
+        if render is None and not _lasting(failures):
+            return None
+        return RequestResult(request, render, failures[: request.attempts])
 
     def save(self, result: RequestResult) -> None:
-        """Keep a result whose simulation came to rest."""
-        if result.render is None:
+        """Keep a result; one without pictures only if every attempt would fail again."""
+        if result.render is None and not _lasting(result.failures):
             return
         self.folder.mkdir(parents=True, exist_ok=True)
+        pictures = {} if result.render is None else _pictures(result.render)
         content = io.BytesIO()
-        np.savez_compressed(
-            content,
-            shaded=result.render.need_shaded(),
-            depth=result.render.need_depth(),
-            panel_depth_m=np.float64(result.render.panel_depth_m),
-            failures=np.array(result.failures, dtype=np.str_),
-        )
+        np.savez_compressed(content, allow_pickle=False, failures=np.array(result.failures, dtype=np.str_), **pictures)
         write_atomically(self._path(result.request), content.getvalue())
 
     def trim(self) -> None:
@@ -79,3 +80,31 @@ class RenderCache:
             repr(request.resolution_m),
         ]
         return self.folder / f"{hashlib.sha256(':'.join(words).encode()).hexdigest()}.npz"
+
+
+def _lasting(failures: Sequence[str]) -> bool:
+    """Whether attempts failed of the fabric alone, not for want of time, of which there may be more next time."""
+    return not any(OUT_OF_TIME in failure for failure in failures)
+
+
+def _pictures(render: DrapeRender) -> dict[str, NDArray[np.generic]]:
+    """The arrays of a file by name."""
+    return {
+        "shaded": render.need_shaded(),
+        "depth": render.need_depth(),
+        "panel_depth_m": np.array(render.panel_depth_m, np.float64),
+    }
+
+
+def _read_render(data: Mapping[str, NDArray[Any]]) -> DrapeRender:
+    """The same from a file.
+
+    Raises:
+        KeyError, ValueError: the file is damaged.
+    """
+    return DrapeRender(
+        shaded=data["shaded"],
+        depth=data["depth"],
+        camera=CANONICAL_CAMERA,
+        panel_depth_m=float(data["panel_depth_m"]),
+    )

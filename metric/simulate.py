@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from metric.draping import DrapeRequest, RequestResult, run_request
 from metric.engine import engine_fingerprint
@@ -124,7 +124,7 @@ def simulate_fabrics(
         first_repeats: number of each fabric's first repeat; a second sample of one fabric takes up where the first
             ended.
         runner: executes the requests; by default worker processes as the plan says.
-        cache: keeps renders between processes.
+        cache: keeps renders, and what does not come to rest, between processes.
         keep_failures: return fabrics that could not be simulated with their ``failure`` instead of raising.
         on_done: called after each simulation.
 
@@ -140,17 +140,21 @@ def simulate_fabrics(
         for repeat in range(plan.simulations)
     ]
     results: dict[DrapeRequest, RequestResult] = {}
+    missing: dict[DrapeRequest, DrapeRequest] = {}
     for request in requests:
         found = cache.load(request) if cache is not None else None
-        if found is not None:
+        if found is None:
+            missing[request] = request
+        elif not found.settled:
+            missing[request] = replace(request, failures=found.failures)
+        else:
             results[request] = found
             _call(on_done)
-    missing = [r for r in dict.fromkeys(requests) if r not in results]
     run = runner if runner is not None else local_runner(plan.workers)
-    for result in run(missing):
+    for result in run(list(missing.values())):
         _require_same(result)
         results[result.request] = result
-        if cache is not None and result.render is not None:
+        if cache is not None:
             cache.save(result)
         _call(on_done)
     if cache is not None and missing:

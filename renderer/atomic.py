@@ -74,7 +74,7 @@ def prepare(path: Path | str, content: bytes) -> Prepared:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-        except OSError:
+        except BaseException:  # an interruption, too
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
             raise

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from simcore.parameters import FabricParameters
@@ -82,3 +83,12 @@ def raised_bias(fabric: FabricParameters) -> str | None:
         f"no plate with its bending_warp and bending_weft has a bending_bias of {fabric.bending_bias:.3g} N·m; "
         f"simulated with {plate.bias:.3g} N·m, the least there is"
     )
+
+
+def raised_biases(fabrics: Iterable[tuple[str, FabricParameters]]) -> dict[str, str]:
+    """By name, what :func:`raised_bias` says of those of several fabrics that are not simulated as stated.
+
+    Args:
+        fabrics: name and parameters of each.
+    """
+    return {name: said for name, fabric in fabrics if (said := raised_bias(fabric)) is not None}

@@ -11,6 +11,7 @@ import numpy as np
 from simcore.drape import Drape
 from simcore.errors import InputError
 from simcore.mesh import GridMesh
+from simcore.number import is_number, shown
 from simcore.scenes import Setup
 
 LARGEST_PIN_STRETCH = 1.3
@@ -57,8 +58,8 @@ def check_request(mesh: GridMesh, setup: Setup, start: Drape | None, time_limit_
             "make the mesh for the sample",
             code="mesh_mismatch",
         )
-    if time_limit_s is not None and not time_limit_s >= 0.0:
-        raise InputError(f"time limit {time_limit_s} s must be 0 or more, or None for none", code="time_limit")
+    if time_limit_s is not None and not (is_number(time_limit_s) and time_limit_s >= 0.0):
+        raise InputError(f"time limit {shown(time_limit_s)} s must be 0 or more, or None for none", code="time_limit")
     check_pins(setup)
     if start is not None:
         _check_start(mesh, start)

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from simcore.height_field import is_height_field
+
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _CHUNK = 200_000
@@ -95,6 +97,8 @@ def count_crossings(vertices: Array, triangles: NDArray[np.int32]) -> int:
         vertices: positions [m], shape [V, 3].
         triangles: vertex indices, shape [T, 3].
     """
+    if is_height_field(vertices, triangles):
+        return 0
     sides = _sides(np.ascontiguousarray(triangles, dtype=np.int32).tobytes())
     corners, ends = vertices[triangles], vertices[sides.edges]
     whole, narrow = _Boxes(*corners.transpose(1, 0, 2)), _Boxes(*ends.transpose(1, 0, 2))

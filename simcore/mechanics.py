@@ -7,6 +7,7 @@ Everything is absent by default and then costs nothing. An effect (``diagnosis/e
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.errors import InputError
+from simcore.number import are_finite, check_finite, is_finite, is_number, shown
 from simcore.scenes import GRAVITY_M_S2, Vector3
 
 Array = NDArray[np.float64]
@@ -36,6 +38,8 @@ LARGEST = {
     "friction": 100.0,
 }
 """Beyond these no panel, room or hem is: a number in another unit, most likely."""
+VECTORS = ("gravity_m_s2", "trim_kg_m")
+"""Of these the length or the largest counts."""
 LEAST_GRAVITY_M_S2 = 0.01
 """What a drape is at rest by is counted in weights."""
 LARGEST_JITTER = {"force_weights": 100.0, "pin_m": 0.05, "placement_m": 0.5}
@@ -47,7 +51,7 @@ LEAST_WIDTH_M, LARGEST_WIDTH_M = 2.5e-3, 5.0
 
 
 def _check_numbers(what: str, largest: float, *numbers: float) -> None:
-    if not all(math.isfinite(n) for n in numbers):
+    if not all(is_finite(n) for n in numbers):
         raise InputError(f"{what} needs finite numbers", code="mechanics")
     for number in numbers:
         if abs(number) > largest:
@@ -55,9 +59,10 @@ def _check_numbers(what: str, largest: float, *numbers: float) -> None:
 
 
 def _check_width(width_m: float, what: str) -> None:
-    if not LEAST_WIDTH_M <= width_m <= LARGEST_WIDTH_M:
+    if not is_finite(width_m) or not LEAST_WIDTH_M <= width_m <= LARGEST_WIDTH_M:
         raise InputError(
-            f"the width of {what}, {width_m:g} m, must be from {LEAST_WIDTH_M:g} to {LARGEST_WIDTH_M:g} m",
+            f"the width of {what}, {shown(width_m)} m, must be a number from {LEAST_WIDTH_M:g} to "
+            f"{LARGEST_WIDTH_M:g} m",
             code="mechanics",
         )
 
@@ -103,9 +108,9 @@ class EdgeCurl:
         _check_numbers("an edge curl [1/m]", LARGEST_CURVATURE_1_M, self.curvature)
         _check_width(self.width_m, "an edge curl's strip")
         edges: object = self.edges
-        if isinstance(edges, str):
-            raise InputError(f"the edges that curl are a tuple of names, not {edges!r}", code="mechanics")
-        if unknown := sorted(set(self.edges) - set(EDGES)):
+        if isinstance(edges, str) or not isinstance(edges, Collection):
+            raise InputError(f"the edges that curl are a tuple of names, not {shown(edges)}", code="mechanics")
+        if unknown := [edge for edge in edges if edge not in EDGES]:
             raise InputError(f"no edge {unknown[0]!r} to curl: choose of {', '.join(EDGES)}", code="mechanics")
 
     def evaluate(self, u: Array, v: Array, size_m: tuple[float, float]) -> tuple[Array, Array]:
@@ -138,6 +143,7 @@ class Crease:
         _check_width(self.width_m, "a crease")
         if self.along not in ("warp", "weft"):
             raise InputError(f"a crease runs along warp or weft, not {self.along!r}", code="mechanics")
+        check_finite("the position of a crease", self.position, "mechanics")
         if not 0.0 <= self.position <= 1.0:
             raise InputError(
                 f"a crease at {self.position:g} of the sample is not on it: give a share from 0 to 1", code="mechanics"
@@ -162,14 +168,16 @@ class FrozenCurvature:
 
     def __post_init__(self) -> None:
         _check_numbers("a frozen curvature [1/m]", LARGEST_CURVATURE_1_M, self.amplitude)
-        if not LEAST_WIDTH_M <= self.wavelength_m < math.inf:
+        if not is_finite(self.wavelength_m) or self.wavelength_m < LEAST_WIDTH_M:
             raise InputError(
-                f"the waves of a frozen curvature, {self.wavelength_m:g} m, must be {LEAST_WIDTH_M:g} m or longer",
+                f"the waves of a frozen curvature, {shown(self.wavelength_m)} m, must be a number of "
+                f"{LEAST_WIDTH_M:g} m or more",
                 code="mechanics",
             )
-        if not 0 <= self.seed < math.inf or self.seed != int(self.seed):
+        if not is_number(self.seed) or not 0 <= self.seed < math.inf or self.seed != int(self.seed):
             raise InputError(
-                f"the seed of a frozen curvature must be a whole number, 0 or more, not {self.seed}", code="mechanics"
+                f"the seed of a frozen curvature must be a whole number, 0 or more, not {shown(self.seed)}",
+                code="mechanics",
             )
         object.__setattr__(self, "seed", int(self.seed))
 
@@ -223,27 +231,34 @@ class Mechanics:
     def __post_init__(self) -> None:
         if not isinstance(self.rest_curvature, tuple):
             raise InputError("rest_curvature is a tuple of fields: give (field,) for one", code="mechanics")
-        if np.shape(self.gravity) != (3,) or not all(math.isfinite(g) for g in self.gravity):
-            raise InputError(f"gravity needs three finite numbers [m/s²], got {self.gravity}", code="mechanics")
+        for curvature in self.rest_curvature:
+            if isinstance(curvature, type) or not callable(getattr(curvature, "evaluate", None)):
+                raise InputError(
+                    f"rest_curvature holds {shown(curvature)}, no field: give UniformCurvature(...) or another one",
+                    code="mechanics",
+                )
+        if not are_finite(self.gravity, 3):
+            raise InputError(f"gravity needs three finite numbers [m/s²], got {shown(self.gravity)}", code="mechanics")
         if math.hypot(*self.gravity) < LEAST_GRAVITY_M_S2:
             raise InputError(
                 f"gravity of {math.hypot(*self.gravity):g} m/s² is less than {LEAST_GRAVITY_M_S2}: the sample hangs by "
                 "its weight",
                 code="mechanics",
             )
-        numbers = (
-            self.air_pressure_pa,
-            self.off_grain_rad,
-            self.hem_kg_m,
-            self.adhesion_pa,
-            self.adhesion_range_m,
-            self.friction,
-            *self.trim_kg_m,
-        )
-        if len(self.trim_kg_m) != len(EDGES):
-            raise InputError(f"masses along edges are one each for {', '.join(EDGES)}", code="mechanics")
-        if not all(math.isfinite(n) for n in numbers):
-            raise InputError("mechanics need finite numbers", code="mechanics")
+        if not are_finite(self.trim_kg_m, len(EDGES)):
+            raise InputError(
+                f"masses along edges, trim_kg_m, are finite numbers, one each for {', '.join(EDGES)}, got "
+                f"{shown(self.trim_kg_m)}",
+                code="mechanics",
+            )
+        given = {name: getattr(self, name) for name in LARGEST if name not in VECTORS}
+        for name, number in given.items():
+            check_finite(name, number, "mechanics")
+        strain = self.stiffening_strain
+        if strain is not None and not is_finite(strain) and not (is_number(strain) and strain == math.inf):
+            raise InputError(
+                f"stiffening_strain must be a number, or None for none, got {shown(strain)}", code="mechanics"
+            )
         if self.stiffening_strain is not None and not self.stiffening_strain >= LEAST_STIFFENING_STRAIN:
             raise InputError(
                 f"stiffening strain {self.stiffening_strain:g} must be positive, {LEAST_STIFFENING_STRAIN:g} or more",
@@ -257,7 +272,6 @@ class Mechanics:
                 f"adhesion_range_m = {self.adhesion_range_m:g} must be positive; without adhesion give adhesion_pa = 0",
                 code="mechanics",
             )
-        given = {name: getattr(self, name) for name in LARGEST if hasattr(self, name)}
         sizes = {**given, "gravity_m_s2": math.hypot(*self.gravity), "trim_kg_m": max(self.trim_kg_m)}
         for name, size in sizes.items():
             if abs(size) > LARGEST[name]:
@@ -284,9 +298,10 @@ class Jitter:
 
     def __post_init__(self) -> None:
         for name, largest in LARGEST_JITTER.items():
-            if not 0.0 <= getattr(self, name) <= largest:
+            size = getattr(self, name)
+            if not is_finite(size) or not 0.0 <= size <= largest:
                 raise InputError(
-                    f"{name} = {getattr(self, name):g} of a jitter must be from 0 to {largest:g}: is its unit right?",
+                    f"{name} = {shown(size)} of a jitter must be a number from 0 to {largest:g}: is its unit right?",
                     code="mechanics",
                 )
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simcore.errors import InputError
+from simcore.number import are_finite, check_finite, shown
 
 LEAST_CELL_M, LARGEST_CELL_M = 1e-3, 0.1
 FEWEST_CELLS = 4
@@ -38,15 +39,15 @@ class GridMesh:
 
     def __post_init__(self) -> None:
         h = self.resolution_m
+        check_finite("resolution, the edge of a cell [m],", h, "resolution_out_of_range")
         if not LEAST_CELL_M <= h <= LARGEST_CELL_M:
             raise InputError(
                 f"resolution {h} m must be from {LEAST_CELL_M} to {LARGEST_CELL_M} m", code="resolution_out_of_range"
             )
-        for length in self.size_m:
-            if not 0.0 < length < math.inf:
-                raise InputError(
-                    f"the sample size {self.size_m} m needs a positive width and height", code="sample_size"
-                )
+        if not are_finite(self.size_m, 2) or min(self.size_m) <= 0.0:
+            raise InputError(
+                f"the sample size {shown(self.size_m)} m needs a positive width and height", code="sample_size"
+            )
         if (vertices := _vertices(h, self.size_m)) > MOST_VERTICES:
             nearest = _nearest_cell_m(h, self.size_m)
             advice = f"try {nearest:.9g}" if nearest is not None else "no cell that divides it gives so few: cut it up"

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from simcore.errors import InputError
 from simcore.json_text import parse_json
+from simcore.number import is_number
 
 UNITS: dict[str, str] = {
     "stretch_warp": "N/m",
@@ -65,7 +66,7 @@ class FabricParameters:
     def __post_init__(self) -> None:
         for name in PARAMETER_NAMES:
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+            if not is_number(value):
                 raise InputError(
                     f"{name} must be a number [{UNITS[name]}], got {value!r}", code="parameter_not_a_number"
                 )

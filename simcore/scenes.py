@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from simcore.errors import InputError
+from simcore.number import are_finite, check_finite, shown
 
 Vector3 = tuple[float, float, float]
 GRAVITY_M_S2 = 9.81
@@ -46,11 +48,14 @@ class Setup:
     """How a sample is put up; lengths [m], panel frame (x right, y up, z towards the camera).
 
     Attributes:
-        scene: which scene.
+        scene: which scene; its name does, too.
         sample_size_m: width (weft, u) and height (warp, v) of the sample.
         pins_m: where each pinned corner sits, by name (``top_left``, ``top_right``, ``bottom_right``; in this order).
         pin_radius_m: all cloth within this distance of a pinned corner is held; 0 holds the corner point alone.
         panel: a panel stands at z = 0 behind the sample.
+
+    Raises:
+        InputError: an unknown scene, other pins than the scene has, or numbers that are none or out of range.
     """
 
     scene: Scene
@@ -60,24 +65,36 @@ class Setup:
     panel: bool = True
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "scene", Scene.parse(str(self.scene)))
+        if not are_finite(self.sample_size_m, 2):
+            raise InputError(
+                f"the sample size, sample_size_m, needs a width and a height [m], got {shown(self.sample_size_m)}",
+                code="sample_size",
+            )
         width, height = self.sample_size_m
         if not (0.01 <= width <= 5.0 and 0.01 <= height <= 5.0):
             raise InputError(f"sample size {width} x {height} m is not between 0.01 and 5 m", code="sample_size")
+        check_finite("the pin radius, pin_radius_m [m],", self.pin_radius_m, "pin_radius")
         if not 0.0 <= self.pin_radius_m < 0.25 * min(width, height):
             raise InputError(
                 f"pin radius {self.pin_radius_m} m must be from 0 to a quarter of the sample", code="pin_radius"
             )
         names = set(PIN_NAMES[self.scene])
-        if set(self.pins_m) != names:
-            surplus = ", ".join(sorted(set(self.pins_m) - names))
+        pins: object = self.pins_m
+        given = set(pins) if isinstance(pins, Mapping) else None
+        if given != names:
+            surplus = ", ".join(sorted(str(name) for name in (given or names) - names))
             raise InputError(
                 f"scene {self.scene} needs pins {', '.join(PIN_NAMES[self.scene])}"
-                + (f" and no {surplus}" if surplus else ""),
+                + (f" and no {surplus}" if surplus else "")
+                + (f": give a place by the name of each, not {shown(pins)}" if given is None else ""),
                 code="pins_missing",
             )
         for name, place in self.pins_m.items():
-            if len(tuple(place)) != 3 or not all(math.isfinite(c) for c in place):
-                raise InputError(f"pin {name} needs three finite coordinates [m], got {place}", code="pin_position")
+            if not are_finite(place, 3):
+                raise InputError(
+                    f"pin {name} needs three finite coordinates [m], got {shown(place)}", code="pin_position"
+                )
         ordered = {name: self.pins_m[name] for name in PIN_NAMES[self.scene]}
         object.__setattr__(self, "pins_m", ordered)
 

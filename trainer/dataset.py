@@ -7,6 +7,7 @@ in several shards belongs to the first of them, so that its scenes are paired wh
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -137,6 +138,27 @@ def encode_heights(pictures: Tensor) -> Tensor:
     return (pictures.squeeze(-3) / HEIGHT_UNIT_M).round().clamp(-(2**15), 2**15 - 1).to(torch.int16)
 
 
+@dataclass(frozen=True)
+class Shown:
+    """How far an interrupted training had come in its stream.
+
+    Attributes:
+        batches: that it has had.
+        pairs: in each of them.
+    """
+
+    batches: int = 0
+    pairs: int = 1
+
+    def of_worker(self, worker: int, workers: int) -> tuple[int, int]:
+        """Whose lane a loader's worker goes on with, and how many of its pairs were shown.
+
+        A loader asks its workers in turn, so that the first of a new one takes the place of whose turn it was.
+        """
+        lane = (worker + self.batches) % workers
+        return lane, self.pairs * max(0, math.ceil((self.batches - lane) / workers))
+
+
 Pair = tuple[Tensor, Tensor, Tensor, Tensor]
 """int16 heights [scenes, size, size], present [scenes], parameters [7], material."""
 
@@ -154,6 +176,7 @@ class PairStream(IterableDataset[Pair | DrapemeterError]):
         shuffled: False keeps the order of the store.
         buffer_shards: shards whose pictures are mixed with each other.
         cache_bytes: pictures kept decoded and shrunk in memory after their first reading.
+        shown: what is left out at the beginning, unread; the rest comes as it would have come behind it.
     """
 
     def __init__(
@@ -168,11 +191,12 @@ class PairStream(IterableDataset[Pair | DrapemeterError]):
         shuffled: bool = True,
         buffer_shards: int = 8,
         cache_bytes: int = 2_000_000_000,
+        shown: Shown = Shown(),
     ) -> None:
         super().__init__()
         self.source, self.table, self.size, self.seed = source, table, size, seed
         self.partition, self.passes, self.shuffled = partition, passes, shuffled
-        self.buffer_shards, self.cache_bytes = buffer_shards, cache_bytes
+        self.buffer_shards, self.cache_bytes, self.shown = buffer_shards, cache_bytes, shown
         self._home = home_shards(table)
         self._cache: dict[int, Tensor] = {}
         self._cached_bytes = 0
@@ -187,28 +211,36 @@ class PairStream(IterableDataset[Pair | DrapemeterError]):
             yield error
 
     def _passes(self) -> Iterator[Pair]:
-        mine, lane = self._my_shards()
+        mine, lane, shown = self._my_shards()
         done = 0
         while self.passes is None or done < self.passes:
             generator = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(_STREAM, lane, done)))
             shards = generator.permutation(mine) if self.shuffled else mine
             for start in range(0, len(shards), self.buffer_shards):
-                yield from self._pairs(shards[start : start + self.buffer_shards], generator)
+                pairs = self._pairs(shards[start : start + self.buffer_shards], generator)
+                yield from self._read_pairs(pairs[shown:])
+                shown = max(0, shown - len(pairs))
             done += 1
 
-    def _my_shards(self) -> tuple[NDArray[np.int64], int]:
+    def _my_shards(self) -> tuple[NDArray[np.int64], int, int]:
         info = get_worker_info()
-        workers, worker = (info.num_workers, info.id) if info else (1, 0)
+        workers = info.num_workers if info else 1
+        worker, shown = self.shown.of_worker(info.id if info else 0, workers)
         lane, lanes = self.partition.rank * workers + worker, self.partition.world_size * workers
         check_lanes(self.table, lanes)
-        return deal_shards(self._home, lanes)[lane], lane
+        return deal_shards(self._home, lanes)[lane], lane, shown
 
-    def _pairs(self, shards: NDArray[np.int64], generator: np.random.Generator) -> Iterator[Pair]:
+    def _pairs(self, shards: NDArray[np.int64], generator: np.random.Generator) -> NDArray[np.int64]:
+        """The pairs of some shards in the order in which they are shown, as :func:`pair_up` gives them."""
         chosen = np.flatnonzero(np.isin(self._home, shards))
-        pictures = dict(zip(chosen.tolist(), self._read(chosen), strict=True))
         pairs = pair_up(self.table.take(chosen), generator if self.shuffled else None)
-        for pair in generator.permutation(len(pairs)) if self.shuffled else range(len(pairs)):
-            members = [int(chosen[m]) if m >= 0 else -1 for m in pairs[pair]]
+        entries = np.where(pairs >= 0, chosen[pairs], -1)
+        return entries[generator.permutation(len(entries))] if self.shuffled else entries
+
+    def _read_pairs(self, pairs: NDArray[np.int64]) -> Iterator[Pair]:
+        chosen = np.unique(pairs[pairs >= 0])
+        pictures = dict(zip(chosen.tolist(), self._read(chosen), strict=True))
+        for members in pairs.tolist():
             known = next(m for m in members if m >= 0)
             yield (
                 torch.stack([pictures[m] if m >= 0 else self._nothing() for m in members]),

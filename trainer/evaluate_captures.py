@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
 from capture.normalise import NetworkInput
+from capture.pose_notes import PoseNotes
 from capture.prepare import prepare_all
 from renderer.atomic import write_atomically
 from simcore.errors import InputError
@@ -37,12 +38,14 @@ class KnownFabric:
         density: [kg/m²].
         parameters: the six, SI, float64, shape [6].
         inputs: its captures by scene.
+        notes: in words, what speaks against the poses of its captures.
     """
 
     name: str
     density: float
     parameters: NDArray[np.float64]
     inputs: dict[Scene, list[NetworkInput]]
+    notes: tuple[str, ...] = ()
 
 
 def known_fabrics(folders: Iterable[str | Path]) -> list[KnownFabric]:
@@ -54,7 +57,8 @@ def known_fabrics(folders: Iterable[str | Path]) -> list[KnownFabric]:
     found = []
     for folder in folders:
         captures = CaptureSet.load(folder, read_pictures=False)
-        ready = list(prepare_all(captures.captures))  # poses are found from all captures of a set together
+        notes = PoseNotes()
+        ready = list(notes.heard(prepare_all(captures.captures)))  # poses are found from all captures of a set together
         for fabric in captures.document.fabrics:
             shown = [prepared for prepared in ready if prepared.capture.fabric.id == fabric.id]
             if fabric.parameters is None or fabric.density is None or not shown:
@@ -63,7 +67,8 @@ def known_fabrics(folders: Iterable[str | Path]) -> list[KnownFabric]:
             for prepared in shown:
                 inputs.setdefault(prepared.capture.scene, []).append(prepared.network_input)
             truth = np.array([getattr(fabric.parameters, name) for name in ESTIMATED_NAMES], dtype=np.float64)
-            found.append(KnownFabric(f"{captures.folder.name}/{fabric.id}", fabric.density, truth, inputs))
+            name = f"{captures.folder.name}/{fabric.id}"
+            found.append(KnownFabric(name, fabric.density, truth, inputs, notes.of_fabric(fabric.id)))
     if not found:
         raise InputError(
             "no fabric of these capture sets states both parameters and density: nothing to compare with",
@@ -136,7 +141,7 @@ def as_json(scores: dict[str, dict[str, Score]]) -> dict[str, dict[str, dict[str
 
 
 def main() -> None:
-    """Print the table; write the numbers if asked."""
+    """Print the table, and on standard error what speaks against the poses; write the numbers if asked."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("captures", nargs="+", help="capture sets")
     parser.add_argument("--model", help="model folder; default: the one that ships")
@@ -147,7 +152,10 @@ def main() -> None:
             raise InputError(f"{options.out}: no such folder: make it, or name another file", code="folder_unusable")
         if options.out is not None and options.out.is_dir():
             raise InputError(f"{options.out} is a folder: name a file", code="output_is_folder")
-        scores = evaluate_captures(Estimator.load(options.model), known_fabrics(options.captures))
+        fabrics = known_fabrics(options.captures)
+        for fabric in fabrics:
+            sys.stderr.writelines(f"{fabric.name}: {note}\n" for note in fabric.notes)
+        scores = evaluate_captures(Estimator.load(options.model), fabrics)
         sys.stdout.write(markdown(scores) + "\n")
         if options.out is not None:
             write_atomically(options.out, (json.dumps(as_json(scores), indent=1) + "\n").encode())

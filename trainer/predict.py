@@ -21,12 +21,13 @@ from trainer.config import AugmentConfig
 from trainer.dataset import SCENES
 from trainer.held import held_in_training
 from trainer.inference import scene_names
+from trainer.mirrored import fits_better_in_the_mirror, mirror_reason
 from trainer.model import TrainedModel, load_model
 from trainer.network import Features, fuse
 from trainer.outliers import picture_statistics
 from trainer.preprocess import network_images, resize
 from trainer.shipped import DEFAULT_MODEL, is_model_folder
-from trainer.targets import similarity_shift
+from trainer.targets import TargetScaling, similarity_shift
 
 MOST_STANDARDISED = 4.0
 """The regressor is not believed further than this many spreads from the training materials' mean."""
@@ -51,8 +52,10 @@ class Estimate:
         intervals_calibrated: False where too few fabrics were held out for that: intervals are then as wide as what the
             network was trained on.
         out_of_distribution: the captures are unlike what the network was trained on; do not trust the intervals.
-        reasons: in words, what of the set-up makes them so, whatever the pictures look like.
-        out_of_distribution_score: largest distance from the training pictures over its border; 1 is the border.
+        reasons: in words, what of the set-up, the density or a picture that fits better in the mirror makes them so.
+        out_of_distribution_score: largest distance from the training pictures over its border; 1 is the border. That
+            of the density counts, too.
+        picture_score: the same of the pictures alone.
         scenes: scenes the estimate rests on.
         model_version: of the network.
     """
@@ -61,6 +64,7 @@ class Estimate:
     intervals_90: dict[str, tuple[float, float]]
     out_of_distribution: bool
     out_of_distribution_score: float
+    picture_score: float
     scenes: tuple[str, ...]
     model_version: str
     reasons: tuple[str, ...] = ()
@@ -68,12 +72,14 @@ class Estimate:
 
 
 class _Extracted(NamedTuple):
-    """Features of one picture, [channels], with the sample's scale (to a millionth) and the outlier score."""
+    """Features of one picture, [channels], with the sample's scale (to a millionth), the outlier score, and whether it
+    fits better in the mirror."""
 
     maximum: torch.Tensor
     mean: torch.Tensor
     scale: float
     score: float
+    mirrored: bool
 
 
 class Estimator:
@@ -126,17 +132,16 @@ class Estimator:
         centre = np.mean([part[0] for part in parts], axis=0)
         low = np.mean([part[1] for part in parts], axis=0)
         high = np.mean([part[2] for part in parts], axis=0)
-        seen = [float(np.median([e.score for e in shown])) for shown in extracted.values()]
-        score = max(self.model.scaling.beyond(density), *seen)
-        all_shown = [one for shown in pictures.values() for one in shown]
-        told = [(held_otherwise(one, self._held_m), *one.otherwise) for one in all_shown]
-        reasons = tuple(dict.fromkeys(text for own in told for text in own if text is not None))
+        seen = max(float(np.median([e.score for e in shown])) for shown in extracted.values())
+        score = max(self.model.scaling.beyond(density), seen)
+        reasons = self._reasons(pictures, extracted, density)
         values, lower, upper = (_within_limits(np.exp(logs)) for logs in (centre, low, high))
         return Estimate(
             parameters=dict(zip(ESTIMATED_NAMES, values, strict=True)),
             intervals_90=dict(zip(ESTIMATED_NAMES, zip(lower, upper, strict=True), strict=True)),
             out_of_distribution=score > 1.0 or bool(reasons),
             out_of_distribution_score=score,
+            picture_score=seen,
             scenes=tuple(scene.value for scene in SCENES if scene in extracted),
             model_version=self.version,
             reasons=reasons,
@@ -156,31 +161,52 @@ class Estimator:
         except InputError as error:
             raise InputError(f"fabric {fabric!r}: {error}", code=error.code) from None
 
+    def _reasons(
+        self,
+        pictures: Mapping[Scene, list[NetworkInput]],
+        extracted: Mapping[Scene, list[_Extracted]],
+        density: float,
+    ) -> tuple[str, ...]:
+        """In words, each once, what makes captures and density [kg/m²] unlike those of the training."""
+        told: list[str | None] = []
+        for one in (one for shown in pictures.values() for one in shown):
+            told += [held_otherwise(one, self._held_m), *one.otherwise]
+        told += [mirror_reason(scene, [one.mirrored for one in shown]) for scene, shown in extracted.items()]
+        told.append(_density_beyond(self.model.scaling, density))
+        return tuple(dict.fromkeys(text for text in told if text is not None))
+
     def _extract(self, scene: Scene, inputs: Sequence[NetworkInput]) -> list[_Extracted]:
         size = self.model.config.network.input_size
         heights = np.stack([np.where(i.mask, i.height, np.float32(0.0)) for i in inputs]).astype(np.float32)
         pictures = resize(torch.from_numpy(heights)[:, None], size)
-        statistics = picture_statistics(pictures)
-        empty = np.flatnonzero(statistics[:, 0] <= 0.0)
+        empty = np.flatnonzero(picture_statistics(pictures)[:, 0] <= 0.0)
         if len(empty):
             raise InputError(
                 f"picture {empty[0] + 1} of {len(inputs)} of {scene.value} shows no cloth before the panel: check the "
                 "capture and its pose",
                 code="no_cloth",
             )
+        features, scores = self._described(scene, pictures)
+        mirrored = np.zeros(len(inputs), dtype=np.bool_)
+        if scene is Scene.STRETCH:
+            mirrored = fits_better_in_the_mirror(scores, self._described(scene, pictures.flip(-1))[1])
+        scales = [round(one.length_scale, 6) for one in inputs]
+        return [
+            _Extracted(features.maximum[k], features.mean[k], scales[k], float(scores[k]), bool(mirrored[k]))
+            for k in range(len(inputs))
+        ]
+
+    def _described(self, scene: Scene, pictures: torch.Tensor) -> tuple[Features, NDArray[np.float64]]:
+        """Features of pictures [pictures, 1, H, W] and their outlier scores [pictures], inf where none was learnt."""
         parts = [
             self.model.network.extract(network_images(some, self.model.config.network))
             for some in torch.split(pictures, PICTURES_AT_ONCE)
         ]
         features = Features(*(torch.cat(channels) for channels in zip(*parts, strict=True)))
-        scores = np.full(len(inputs), math.inf)
-        if scene.value in self.model.outliers:
-            joined = torch.cat(list(features), dim=1).double().numpy()
-            scores = self.model.outliers[scene.value].scores(joined, statistics).max(axis=1)
-        return [
-            _Extracted(features.maximum[k], features.mean[k], round(inputs[k].length_scale, 6), float(scores[k]))
-            for k in range(len(inputs))
-        ]
+        if scene.value not in self.model.outliers:
+            return features, np.full(len(pictures), math.inf)
+        joined = torch.cat(list(features), dim=1).double().numpy()
+        return features, self.model.outliers[scene.value].scores(joined, picture_statistics(pictures)).max(axis=1)
 
     def _predict(
         self, shown: Mapping[Scene, list[_Extracted]], density: float
@@ -221,6 +247,14 @@ def check_density(density: float) -> None:
             f"density {density:g} kg/m² is outside {low:g} to {high:g} kg/m²: give kg/m², that is g/m² over 1000",
             code="parameter_out_of_range",
         )
+
+
+def _density_beyond(scaling: TargetScaling, density: float) -> str | None:
+    """In words, that a density [kg/m²] lies outside of those that were trained on; None inside."""
+    if scaling.beyond(density) <= 1.0:
+        return None
+    low, high = scaling.densities()
+    return f"the density {density:g} kg/m² is beyond the {low:.2g} to {high:.2g} that the network was trained on"
 
 
 def _by_scene(

@@ -6,6 +6,7 @@ the paper's minimum and maximum (``docs/decisions/003-log-targets.md``).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -79,6 +80,11 @@ class TargetScaling:
         """How far a density [kg/m²] is from the training mean, in the same way's most extreme one."""
         place = float(self.encode_density(np.array(density)))
         return place / (self.density_high if place > 0.0 else self.density_low)
+
+    def densities(self) -> tuple[float, float]:
+        """The lowest and the highest density that counts as known [kg/m²], where :meth:`beyond` is 1."""
+        low, high = (self.density_mean + end * self.density_spread for end in (self.density_low, self.density_high))
+        return math.exp(low), math.exp(high)
 
     def decode(self, standardised: ArrayLike, density: ArrayLike) -> FloatArray:
         """Logarithms of the six parameters [ln SI], float64, shape [n, 6].

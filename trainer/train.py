@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from torch import Tensor
 from simcore.scenes import Scene
 from trainer.augment import Augmenter
 from trainer.calibrate import calibrate
+from trainer.checkpoint import Checkpoint, CheckpointFile, is_due
 from trainer.config import TrainConfig
 from trainer.dataset import (
     SCENES,
@@ -24,6 +26,7 @@ from trainer.dataset import (
     Partition,
     PictureSource,
     PictureTable,
+    Shown,
     batches,
     check_lanes,
     pair_up,
@@ -34,6 +37,7 @@ from trainer.model import TrainedModel, round_weights
 from trainer.network import DrapeNetwork, Features, fuse
 from trainer.preprocess import network_images
 from trainer.pretrained import BaseWeights, load_pretrained_trunk
+from trainer.same_run import description
 from trainer.split import MaterialSplit, split_materials
 from trainer.targets import TargetScaling
 
@@ -79,6 +83,7 @@ def train(
     start: TrainedModel | None = None,
     provenance: dict[str, Any] | None = None,
     report: Callable[[Progress], None] | None = None,
+    checkpoints: CheckpointFile | None = None,
 ) -> TrainedModel:
     """Train, calibrate the intervals and test on held-out materials.
 
@@ -90,12 +95,13 @@ def train(
         start: an earlier model to go on from, with its scaling of the targets; left as it is.
         provenance: where the pictures came from, kept with the model.
         report: called after each step.
+        checkpoints: where the state is kept now and then, and gone on from where that is asked for.
 
     Raises:
-        InputError: too few materials, or fewer shards than loaders.
+        InputError: too few materials, fewer shards than loaders, or a checkpoint of another training.
         StoreError: a picture cannot be read; of those held out this is found before the first step.
     """
-    return finish(learn(source, config, start=start, provenance=provenance, report=report))
+    return finish(learn(source, config, start=start, provenance=provenance, report=report, checkpoints=checkpoints))
 
 
 def learn(
@@ -106,14 +112,16 @@ def learn(
     start: TrainedModel | None = None,
     provenance: dict[str, Any] | None = None,
     report: Callable[[Progress], None] | None = None,
+    checkpoints: CheckpointFile | None = None,
 ) -> Learnt:
     """Fit a network to the training materials.
 
     Args:
         partition: this process's share of the shards, when several train together (``torch.distributed`` is up then).
+        checkpoints: of one process that trains alone.
 
     Raises:
-        InputError: too few materials, or fewer shards than loaders.
+        InputError: too few materials, fewer shards than loaders, or a checkpoint of another training.
         StoreError: a held-out picture cannot be read; nothing was learnt then.
     """
     torch.set_num_threads(config.threads)
@@ -135,11 +143,23 @@ def learn(
         record["base_weights"] = start.provenance.get("base_weights")
         earlier = {name: value for name, value in start.provenance.items() if name != "learnt"}
         record["start"] = {"model_version": start.version, "provenance": earlier}
+    begun, keep = None, None
+    if checkpoints is not None:
+        run = description(config, table, split, record)
+        begun, keep = checkpoints.read(run), partial(checkpoints.write, run)
     on_first(lambda: check_held_out(source, table, split, config), partition)
     broadcast_state(network, partition)
-    stream = PairStream(source, training, size=config.network.input_size, seed=config.seed, partition=partition)
-    pairs = batches(stream, pairs_of_batch(training, config), config.workers)
-    fit(network, pairs, steps_of(training, config, partition), config, scaling, partition=partition, report=report)
+    fit(
+        network,
+        pairs_behind(begun, source, training, config, partition),
+        steps_of(training, config, partition),
+        config,
+        scaling,
+        partition=partition,
+        report=report,
+        begun=begun,
+        keep=keep,
+    )
     return Learnt(config, network, source, table, split, scaling, record)
 
 
@@ -219,6 +239,17 @@ def pairs_of_batch(training: PictureTable, config: TrainConfig) -> int:
     return max(1, math.floor(config.batch_size * len(pair_up(training, None)) / max(1, len(training))))
 
 
+def pairs_behind(
+    begun: Checkpoint | None, source: PictureSource, training: PictureTable, config: TrainConfig, partition: Partition
+) -> Iterator[Batch]:
+    """What a training learns from, in batches; the rest of it where one was begun."""
+    pairs = pairs_of_batch(training, config)
+    shown = Shown(0 if begun is None else begun.step, pairs)
+    size = config.network.input_size
+    stream = PairStream(source, training, size=size, seed=config.seed, partition=partition, shown=shown)
+    return batches(stream, pairs, config.workers)
+
+
 def steps_of(training: PictureTable, config: TrainConfig, partition: Partition) -> int:
     """Optimiser steps of the whole run."""
     pictures = len(training)
@@ -236,17 +267,28 @@ def fit(
     *,
     partition: Partition = Partition(),
     report: Callable[[Progress], None] | None = None,
+    begun: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
 ) -> None:
-    """The loop itself: AdamW, linear warm-up, cosine to zero, gradients clipped at norm 1."""
+    """The loop itself: AdamW, linear warm-up, cosine to zero, gradients clipped at norm 1.
+
+    Args:
+        pairs: the batches that are still to be learnt from.
+        begun: the state to go on from; it replaces the network's.
+        keep: called with the state now and then.
+    """
     augment = Augmenter(config.augment)
     optimiser = torch.optim.AdamW(network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
     warmup = max(1, round(config.warmup_share * steps))
     schedule = torch.optim.lr_scheduler.LambdaLR(optimiser, lambda step: _learning_share(step, steps, warmup))
     network.train()
-    recent = math.nan
+    done, recent = 0, math.nan
+    if begun is not None:
+        begun.restore(network, optimiser, schedule)
+        done, recent, pairs = begun.step, begun.recent, begun.with_generator(pairs)
     with torch.random.fork_rng(devices=[]):  # dropout draws from the global generator
         torch.manual_seed(_seed(config.seed, _AUGMENT_STREAM, partition.rank))
-        for step, batch in zip(range(steps), pairs, strict=False):
+        for step, batch in zip(range(done, steps), pairs, strict=False):
             seed = _seed(config.seed, _AUGMENT_STREAM, partition.rank, step)
             flat = augment(mirror_hanging(batch.pictures, config.mirror, seed)[batch.present], seed)
             features = pooled_by_scene(network, network_images(flat, config.network), batch.present)
@@ -259,6 +301,8 @@ def fit(
             schedule.step()
             value = float(error.detach())
             recent = value if math.isnan(recent) else 0.95 * recent + 0.05 * value
+            if keep is not None and is_due(step + 1, steps):
+                keep(Checkpoint.of(step + 1, recent, network, optimiser, schedule))
             if report is not None:
                 report(Progress(step + 1, steps, recent))
     average_statistics(network, partition)

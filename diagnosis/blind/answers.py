@@ -249,7 +249,7 @@ def _is_answered(path: Path, catalogue: str) -> bool:
     if not path.exists():
         return False
     report = json.loads(path.read_text(encoding="utf-8"))
-    return report["model_version"] == MODEL_VERSION and report.get(CATALOGUE) == catalogue
+    return bool(report["model_version"] == MODEL_VERSION and report.get(CATALOGUE) == catalogue)
 
 
 def read_manifest(out: Path) -> dict[str, Any]:

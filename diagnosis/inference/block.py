@@ -89,7 +89,7 @@ class Block:
         return len(self.captures) > len(set(self.setups or (0,)))
 
     def repeats(self, values: Array) -> list[Array]:
-        """Values by capture and cell, set-up by set-up that was captured more than once, [captures, cells]; NaN: unseen.
+        """Values by capture and cell of each set-up that was captured more than once, [captures, cells]; NaN: unseen.
 
         Args:
             values: one a measurement, [n].

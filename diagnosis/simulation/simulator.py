@@ -46,8 +46,8 @@ class Cost:
         if not self.out_of_time:
             return []
         return [
-            f"{self.out_of_time} of {self.simulations} simulations were stopped after {TIME_LIMIT_S:g} CPU seconds, before "
-            "they were at rest, and count as far as they came: use a coarser --resolution"
+            f"{self.out_of_time} of {self.simulations} simulations were stopped after {TIME_LIMIT_S:g} CPU seconds, "
+            "before they were at rest, and count as far as they came: use a coarser --resolution"
         ]
 
 

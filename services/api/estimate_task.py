@@ -30,28 +30,29 @@ def estimate_pictures(
         report: not needed, an estimate takes a second.
 
     Returns:
-        The fields of :class:`trainer.predict.Estimate` as JSON.
+        The fields of :class:`trainer.predict.Estimate` and what speaks against the poses, as JSON.
 
     Raises:
         InputError: pictures that show no cloth, do not fit the camera, or cannot be registered.
         MissingResourceError: the model cannot be read.
     """
     from capture.capture_set import CaptureSet
+    from capture.pose_notes import PoseNotes
     from capture.prepare import inputs_by_fabric, prepare_all
 
-    estimator = _load(model)
+    estimator, notes = _load(model), PoseNotes()
     with scratch_folder() as folder:
         for name, content in pictures.items():
             (folder / name).write_bytes(content)
         (folder / "captures.json").write_text(document, encoding="utf-8")
         try:
             captures = CaptureSet.load(folder, read_pictures=False).captures
-            (inputs,) = inputs_by_fabric(prepare_all(captures)).values()
+            ((fabric, inputs),) = inputs_by_fabric(notes.heard(prepare_all(captures))).items()
         except InputError as error:
             # The caller knows names of fields, not of our folders.
             raise InputError(str(error).replace(f"{folder}/", ""), code=error.code) from None
     found = estimator.estimate(inputs, density)
-    return {**estimate_fields(found), "model_version": found.model_version}
+    return {**estimate_fields(found, notes.of_fabric(fabric)), "model_version": found.model_version}
 
 
 def _load(model: Path) -> Estimator:

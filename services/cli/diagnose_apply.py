@@ -66,7 +66,7 @@ def _of_another_rig(made: SimulatorExtension, scenes: list[SimulationScene]) -> 
     if on_cloth and any(not scene.setup.panel for scene in scenes):
         yield "there was no panel behind captures, and there is one in simulated pictures"
     if on_cloth and any(not put_up_alike(_nominal_as(scene), scene.setup) for scene in scenes):
-        yield "magnets sat elsewhere in the captures than in simulated pictures, which the size of an effect may go with"
+        yield "magnets sat elsewhere in captures than in simulated pictures, which the size of an effect may go with"
     names = {effect.name for effect in made.effects}
     sharp = {_pixels_a_metre(scene) / _pixels_a_metre(nominal) for scene in scenes}
     if "sensor_smoothing" in names and any(abs(share - 1.0) > ALIKE for share in sharp):

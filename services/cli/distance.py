@@ -43,7 +43,7 @@ def distance(
 
     fabric_a, fabric_b = FabricParameters.load(a), FabricParameters.load(b)
     check_resolution(resolution)
-    note_raised_bias([(str(a), fabric_a), (str(b), fabric_b)])
+    raised = note_raised_bias([(str(a), fabric_a), (str(b), fabric_b)])
     from metric.backends import get_backend
     from metric.compare import compare_fabrics
     from metric.simulate import SimulationPlan
@@ -71,6 +71,7 @@ def distance(
                 "scene_standard_errors": result.scene_errors,
                 "resolution": resolution,
                 "seed": seed,
+                "raised_bias": raised,
                 "retries": [{**vars(retry), "fabric": "AB"[retry.fabric]} for retry in found.retries],
             }
         )

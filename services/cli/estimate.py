@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,6 @@ from simcore.parameters import ESTIMATED_NAMES, UNITS
 
 if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
-    from capture.prepare import PreparedCapture
     from trainer.predict import Estimate
 
 
@@ -36,12 +35,14 @@ def estimate(
 
     The density comes from the set, else from --density (g/m² divided by 1000). Intervals cover the truth for 90 % of
     synthetic fabrics held out of training; a fabric marked out of distribution is unlike those, whatever its intervals.
+    What speaks against the poses that were found in its pictures is noted below it.
 
     \b
     Example:
       drapemeter estimate my-captures --density 0.2 --json
     """
     from capture.capture_set import CaptureSet
+    from capture.pose_notes import PoseNotes
     from capture.prepare import inputs_by_fabric, prepare_all
     from trainer.predict import Estimator, check_density
 
@@ -49,12 +50,13 @@ def estimate(
         check_density(density)
     captures = CaptureSet.load(capture_set)
     densities = fabric_densities(captures, density)
-    estimator = Estimator.load(model)
-    inputs = inputs_by_fabric(_doubted(prepare_all(captures.captures)))
+    estimator, notes = Estimator.load(model), PoseNotes()
+    inputs = inputs_by_fabric(notes.heard(prepare_all(captures.captures)))
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():
-            fabrics.append((fabric_id, value, estimator.estimate_named(fabric_id, inputs[fabric_id], value)))
+            found = estimator.estimate_named(fabric_id, inputs[fabric_id], value)
+            fabrics.append((fabric_id, value, found, notes.of_fabric(fabric_id)))
             bar.advance()
     if density is not None and (stated := [n for n in densities if captures.fabrics[n].density is not None]):
         console.note(f"--density is not used for {', '.join(stated)}: the set states it")
@@ -66,14 +68,6 @@ def estimate(
     for entry in fabrics:
         print_fabric(*entry)
     console.say(f"model {estimator.version}")
-
-
-def _doubted(prepared: Iterable[PreparedCapture]) -> Iterator[PreparedCapture]:
-    """Captures as they come; what speaks against a pose is said of each."""
-    for one in prepared:
-        for doubt in one.registration.doubts:
-            console.note(f"capture {one.capture.id}: {doubt}")
-        yield one
 
 
 def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, float]:
@@ -106,18 +100,18 @@ def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, f
     return densities
 
 
-def as_document(fabric_id: str, density: float, found: Estimate) -> dict[str, Any]:
+def as_document(fabric_id: str, density: float, found: Estimate, notes: Sequence[str]) -> dict[str, Any]:
     """One fabric's entry of the JSON document."""
     return {
         "id": fabric_id,
         "density": density,
-        **estimate_fields(found),
+        **estimate_fields(found, notes),
         "out_of_distribution_score": round(found.out_of_distribution_score, 4),
     }
 
 
-def print_fabric(fabric_id: str, density: float, found: Estimate) -> None:
-    """One fabric's table."""
+def print_fabric(fabric_id: str, density: float, found: Estimate, notes: Sequence[str]) -> None:
+    """One fabric's table, with what speaks against it."""
     console.say(f"{fabric_id}: {density:g} {UNITS['density']}, from {' and '.join(found.scenes)}")
     for name in ESTIMATED_NAMES:
         low, high = found.intervals_90[name]
@@ -125,12 +119,11 @@ def print_fabric(fabric_id: str, density: float, found: Estimate) -> None:
     if not found.intervals_calibrated:
         console.say("  the intervals promise nothing: the model was calibrated on too few fabrics")
     if found.reasons:
-        console.say(
-            f"  out of distribution: {' and '.join(found.reasons)}, which the network knows nothing of; do not rely on "
-            "the estimate"
-        )
-    if found.out_of_distribution_score > 1.0:
+        console.say(f"  out of distribution, do not rely on the estimate: {'; '.join(found.reasons)}")
+    if found.picture_score > 1.0:
         console.say(
             "  out of distribution: these captures are unlike the training pictures "
-            f"(score {found.out_of_distribution_score:.2f}, border 1); do not rely on the intervals"
+            f"(score {found.picture_score:.2f}, border 1); do not rely on the intervals"
         )
+    for note in notes:
+        console.say(f"  {note}")

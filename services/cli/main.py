@@ -20,7 +20,7 @@ from typer.main import get_command
 from renderer.atomic import NO_ROOM
 from services import console
 from services.cli.ending import Ending
-from simcore.errors import DrapemeterError, InputError
+from simcore.errors import DrapemeterError, InputError, OutOfMemoryError
 
 # Name: one line for `drapemeter --help`. The module of that name in this package offers `register(app)`.
 COMMANDS: dict[str, str] = {
@@ -123,6 +123,15 @@ def run(arguments: Sequence[str]) -> int:
             return EXIT_BAD_INPUT if isinstance(error, InputError) else EXIT_FAILURE
         except BrokenPipeError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the reader has left; keep the interpreter from complaining
+            return EXIT_FAILURE
+        except MemoryError as error:
+            if debug:
+                traceback.print_exc()
+            said = " ".join(str(error).split()) or "Python could get no more"
+            text = (
+                f"out of memory ({said}): use coarser cells, ask for less at once, or run fewer processes side by side"
+            )
+            console.error_line(text, OutOfMemoryError.code)
             return EXIT_FAILURE
         except Exception as error:  # noqa: BLE001  the outermost frame: a failure nobody foresaw still gets one line
             if debug:

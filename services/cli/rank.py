@@ -70,7 +70,7 @@ def rank(
     check_resolution(resolution)
     if top < 0:
         raise InputError(f"--top must not be negative, got {top}: give 0 for all", code="top_out_of_range")
-    note_raised_bias([(str(reference), fabric), *((entry.id, entry.parameters) for entry in entries)])
+    raised = note_raised_bias([(str(reference), fabric), *((entry.id, entry.parameters) for entry in entries)])
     from metric.backends import check_backend, get_backend
     from metric.simulate import SimulationPlan
 
@@ -88,7 +88,8 @@ def rank(
     if json_output:
         rows = [_row(entry, files.get(entry.id)) for entry in ranking]
         settings = {"backend": metric.name, "unit": metric.unit, "simulations": simulations, "seed": seed}
-        console.emit_json({"ranking": rows, **settings, "resolution": resolution, "failed": found.failed})
+        lost_or_raised = {"failed": found.failed, "raised_bias": raised}
+        console.emit_json({"ranking": rows, **settings, "resolution": resolution, **lost_or_raised})
         return
     _print(ranking, metric.unit)
 

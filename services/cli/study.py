@@ -259,11 +259,13 @@ def _shown(
     check_plan(len(known), triplets)
     from metric.simulate import SimulationPlan
     from services.cli.caches import metric_caches
+    from services.cli.plates import note_raised_bias
 
     settings = SimulationPlan(
         simulations=plan["simulations"], resolution_m=plan["resolution"], seed=plan["seed"], workers=plan["workers"]
     )
     renders = metric_caches().renders
+    note_raised_bias((fabric.id, fabric.parameters) for fabric in known)
 
     def rendered() -> list[StudyEntry]:
         with console.progress("simulating", 2 * settings.simulations * len(known)) as bar:

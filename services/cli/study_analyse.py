@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +41,24 @@ class LeftOut:
 
     fabric: str
     reason: str
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Fabrics as metrics see them.
+
+    Attributes:
+        matrices: distances by metric, [n, n]; every one has NaN in the row and the column of a fabric that could not be
+            simulated, so that all are compared with people on the same fabrics.
+        left_out: those fabrics.
+        backends: by each name that was asked for, what it stands for.
+        raised_bias: by fabric, that it was simulated with a larger ``bending_bias`` than it has.
+    """
+
+    matrices: dict[str, NDArray[np.float64]]
+    left_out: list[LeftOut] = field(default_factory=list)
+    backends: dict[str, str] = field(default_factory=dict)
+    raised_bias: dict[str, str] = field(default_factory=dict)
 
 
 def analyse(
@@ -121,7 +139,8 @@ def _evaluate(
 
     count = len(store.fabrics)
     found = embed(answer_array(answers), count, seed=plan.seed)
-    matrices, left_out, made = _matrices(store, backends, plan, given)
+    compared = _compare(store, backends, plan, given)
+    matrices = compared.matrices
     scores = metric_agreement(matrices, answers, count, bootstrap=bootstrap, seed=plan.seed) if matrices else {}
     return {
         "participants": len({a.participant for a in answers}),
@@ -133,23 +152,20 @@ def _evaluate(
             "log_likelihood": found.log_likelihood,
         },
         "metrics": scores,
-        "backends": made,
-        "left_out": left_out,
+        "backends": compared.backends,
+        "left_out": compared.left_out,
+        "raised_bias": compared.raised_bias,
     }
 
 
-def _matrices(
+def _compare(
     store: StudyStore, names: Sequence[str], plan: SimulationPlan, given: Mapping[str, FabricParameters]
-) -> tuple[dict[str, NDArray[np.float64]], list[LeftOut], dict[str, str]]:
-    """Distance matrices by every metric, none where parameters are unknown; what could not be simulated; and by each
-    name what it stands for.
-
-    All metrics are compared on the same fabrics: every matrix has NaN in the row and the column of one that could not
-    be simulated.
-    """
+) -> Compared:
+    """Distances by every metric, none where parameters are unknown."""
     from metric.backends import check_backend, get_backend
     from metric.matrix import pair_tables
     from services.cli.caches import metric_caches
+    from services.cli.plates import note_raised_bias
     from simcore.parameters import FabricParameters
 
     for name in names:
@@ -160,14 +176,15 @@ def _matrices(
         console.note(
             f"no metric is compared with people: parameters are unknown of {', '.join(unknown)}; --library gives them"
         )
-        return {}, [], {}
+        return Compared({})
     chosen = {name: get_backend(name) for name in names}
     fabrics = [known[fabric.name] for fabric in store.fabrics]
     found = _of_parameters(fabrics)
     if not chosen:
-        return found, [], {}
+        return Compared(found)
     made = {name: backend.name for name, backend in chosen.items()}
     caches = metric_caches()
+    raised = note_raised_bias((fabric.name, known[fabric.name]) for fabric in store.fabrics)
     simulated = _simulate(fabrics, plan, caches.renders)
     left_out = [
         LeftOut(fabric.name, s.failure) for fabric, s in zip(store.fabrics, simulated, strict=True) if s.failure
@@ -180,12 +197,12 @@ def _matrices(
             f"no metric is compared with people: of {len(fabrics)} fabrics {len(kept)} could be simulated; try another "
             "--seed or a finer --resolution"
         )
-        return {}, left_out, made
+        return Compared({}, left_out, made, raised)
     found = {name: _over(kept, matrix[kept][:, kept], len(fabrics)) for name, matrix in found.items()}
     for name, backend in chosen.items():
         tables = pair_tables([simulated[k].scenes for k in kept], backend, cache=caches.features)
         found[name] = _over(kept, tables.distances(), len(fabrics))
-    return found, left_out, made
+    return Compared(found, left_out, made, raised)
 
 
 def _of_parameters(fabrics: Sequence[FabricParameters]) -> dict[str, NDArray[np.float64]]:

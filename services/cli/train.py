@@ -6,8 +6,8 @@ import math
 import os
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ from services.cli.outputs import check_folder
 from simcore.errors import DrapemeterError, InputError
 
 if TYPE_CHECKING:
+    from trainer.checkpoint import CheckpointFile
     from trainer.config import TrainConfig
     from trainer.model import TrainedModel
     from trainer.train import Progress
@@ -41,6 +42,9 @@ def train(
     pictures: int | None = typer.Option(None, "--pictures", help="Pictures of an epoch, at most; 0 = all."),
     pretrained: bool | None = typer.Option(None, "--pretrained/--scratch", help="Start from ImageNet weights."),
     start: Path | None = typer.Option(None, "--start", help="Model to go on from, with its network and scaling."),
+    resume: bool = typer.Option(
+        False, "--resume", help="Go on with the training for --out that was interrupted; all other options as then."
+    ),
     seed: int = typer.Option(0, "--seed", help="Of split, weights, order and augmentation."),
     threads: int = typer.Option(1, "--threads", help="CPU threads of the network."),
     workers: int = typer.Option(0, "--workers", help="Processes that read the store; 0 = this one."),
@@ -58,10 +62,16 @@ def train(
     The same stores, options and seed give the same model. Training starts from scratch unless
     --pretrained or --preset paper, which takes ImageNet weights unless --scratch.
 
+    Now and then its state is kept beside the model's place, in a file OUT.checkpoint that is gone when the model is
+    written. An interrupted training goes on from it with --resume, to the same model as one that was not. With --ranks
+    nothing is kept.
+
     \b
     Example:
       drapemeter train --store store.zarr --out model/ --epochs 10
+      drapemeter train --store store.zarr --out model/ --epochs 10 --resume
     """
+    from trainer.checkpoint import CheckpointFile, checkpoint_place
     from trainer.model import load_model
     from trainer.presets import preset_config
     from trainer.tracking import TensorBoardLog
@@ -82,23 +92,42 @@ def train(
         )
     if address is not None and not ranks:
         raise InputError("--address is for --ranks: say on how many workers", code="options_exclude")
+    if resume and ranks:
+        raise InputError(
+            "--resume is for a training in one process, of one on --ranks nothing is kept: leave out one of them",
+            code="options_exclude",
+        )
     check_out(out)
+    checkpoints = CheckpointFile(checkpoint_place(out), resume, console.note)
+    checkpoints.check()
     if tensorboard is not None:
         check_folder(tensorboard, "give --tensorboard another folder")
         if tensorboard.resolve().is_relative_to(out.resolve()):
             raise InputError(f"{tensorboard} lies in {out}, which is replaced: give another", code="output_twice")
     earlier = load_model(start) if start is not None else None
     started = time.monotonic()
-    with ExitStack() as stack:
+    with told_how_to_go_on(checkpoints), ExitStack() as stack:
         show = show_on(stack.enter_context(console.progress("training")))
         log: TensorBoardLog | None = None
         if tensorboard is not None:
             log = stack.enter_context(TensorBoardLog(tensorboard, show, console.note))
-        model = run(store, config, earlier, ranks, address, show if log is None else log.report)
+        model = run(store, config, earlier, ranks, address, show if log is None else log.report, checkpoints)
         version = save(model, out)
+        checkpoints.remove()
         if log is not None:
             log.finish(model.metrics)
     report(model, out, version, time.monotonic() - started, json_output)
+
+
+@contextmanager
+def told_how_to_go_on(checkpoints: CheckpointFile) -> Iterator[None]:
+    """Tell of the checkpoint, where there is one, when a training is interrupted or fails."""
+    try:
+        yield
+    except BaseException:
+        if checkpoints.step:
+            console.note(f"{checkpoints.path}: kept behind step {checkpoints.step}; --resume goes on from there")
+        raise
 
 
 def save(model: TrainedModel, out: Path) -> str:
@@ -161,8 +190,9 @@ def run(
     ranks: int,
     address: str | None,
     report_step: Callable[[Progress], None],
+    checkpoints: CheckpointFile,
 ) -> TrainedModel:
-    """Train here or on Ray, from scratch or from an earlier model."""
+    """Train here or on Ray, from scratch or from an earlier model; of a training on Ray no state is kept."""
     from services.training.job import train_on_ray
     from trainer.several_stores import open_stores
     from trainer.symmetry import as_symmetric
@@ -174,7 +204,8 @@ def run(
         console.note("pictures are not mirrored: the simulator of these drapes has effects that may be one-sided")
     if ranks:
         return train_on_ray(stores, config, ranks=ranks, address=address, start=start, report=report_step)
-    return train_here(source, config, start=start, provenance=source.provenance(), report=report_step)
+    provenance = source.provenance()
+    return train_here(source, config, start=start, provenance=provenance, report=report_step, checkpoints=checkpoints)
 
 
 def report(model: TrainedModel, out: Path, version: str, seconds: float, json_output: bool) -> None:

@@ -54,9 +54,11 @@ def learn(
 ) -> TrainedModel:
     """Train a small network on the store and save it."""
     config = replace(preset_config("quick"), epochs=epochs, seed=seed)
+    source = StoreSource(store)
     trained = train(
-        StoreSource(store),
+        source,
         config,
+        provenance=source.provenance(),
         report=None if on_step is None else lambda progress: on_step(progress.step, progress.steps),
     )
     trained.save(model)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from renderer.camera import Camera
 from renderer.depth import render_depth
-from renderer.pose import pose_from_rotation
+from renderer.pose import invert_pose, pose_from_rotation
 from simcore.mesh import GridMesh
 from simcore.scenes import Scene, Setup
 
@@ -59,6 +59,12 @@ def turned_pose(
     pose[:3, :3] = pose[:3, :3] @ np.diag([1.0, -1.0, -1.0])
     pose[:3, 3] = np.array([0.0, 0.0, distance_m]) - pose[:3, :3] @ np.asarray(aim)
     return pose
+
+
+def difference(found: NDArray[np.float64], true: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Shift of the panel [m] and angle [degree] between two poses."""
+    motion = invert_pose(true) @ found
+    return motion[:3, 3], float(np.degrees(np.arccos(np.clip((np.trace(motion[:3, :3]) - 1) / 2, -1, 1))))
 
 
 def with_noise(depth: NDArray[np.float32], noise_m: float, lost: float, seed: int = 0) -> NDArray[np.float32]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,28 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from capture.camera_rig import AT_ODDS, ELSEWHERE, NO_POSE, common_pose, share_pose
 from capture.capture_set import CaptureSet
-from capture.plane import Plane
-from capture.prepare import _same_camera, prepare, prepare_all
-from capture.register import Registration, given_registration, register, rigid_fit
-from capture.report import report_capture
+from capture.prepare import prepare_all
+from capture.register import Registration, register, rigid_fit
 from capture.segment import segment_cloth
-from renderer.depth_png import write_depth_png
 from renderer.pose import invert_pose, pose_from_rotation
 from simcore.errors import InputError
 from simcore.scenes import Scene, Setup
 from tests.capture.conftest import MakeSet
-from tests.capture.sheets import CAMERA, Sheet, make_sheet, turned_pose, with_noise
+from tests.capture.sheets import CAMERA, Sheet, difference, make_sheet, turned_pose, with_noise
 
 degrees = st.floats(-10.0, 10.0)
 small = st.floats(-0.05, 0.05)
-
-
-def difference(found: NDArray[np.float64], true: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Shift of the panel [m] and angle [degree] between two poses."""
-    motion = invert_pose(true) @ found
-    return motion[:3, 3], float(np.degrees(np.arccos(np.clip((np.trace(motion[:3, :3]) - 1) / 2, -1, 1))))
 
 
 def find(sheet: Sheet, pose: NDArray[np.float64], setup: Setup, *, panel: bool, noise_m: float = 0.001) -> Registration:
@@ -155,91 +144,6 @@ def test_rigid_fit_gives_a_rotation_that_is_best(
         np.testing.assert_allclose(fit[:3, :3] @ p + fit[:3, 3], q, atol=1e-8)
 
 
-def registration(pose: NDArray[np.float64]) -> Registration:
-    return replace(given_registration(pose), method="panel_and_pins", assumed=())
-
-
-def panel_of(pose: NDArray[np.float64]) -> Plane:
-    """The panel as a camera there sees it."""
-    return Plane(pose[:3, 2], float(pose[:3, 2] @ pose[:3, 3]), 0.001, 0.8)
-
-
-def test_poses_of_one_camera_are_put_together_and_a_stray_one_is_left_out() -> None:
-    true = turned_pose((1.0, 2.0, 0.0))
-    rng = np.random.default_rng(0)
-    poses = []
-    for _ in range(5):
-        pose = true @ pose_from_rotation(rng.normal(0, 0.003, 3), rng.normal(0, 0.002, 3))
-        poses.append(pose)
-    poses.append(true @ pose_from_rotation((0.0, 0.0, 0.3), (0.1, 0.0, 0.0)))
-    common = common_pose(poses)
-    assert common is not None
-    shift, angle = difference(common, true)
-    assert np.linalg.norm(shift) < 0.004
-    assert angle < 0.3
-    assert common_pose([true, turned_pose((0.0, 0.0, 0.0), distance_m=1.4)]) is None
-
-
-def test_hanging_pictures_give_the_pose_of_stretched_ones() -> None:
-    true = turned_pose((1.0, 2.0, 0.0))
-
-    def never() -> Registration:
-        raise AssertionError("not needed")
-
-    scenes = [Scene.STRETCH, Scene.HANGING, Scene.STRETCH]
-    planes = [panel_of(true), panel_of(true), None]  # one is hidden
-    shared = share_pose(scenes, [never, lambda: registration(true), never], planes)
-    assert len(shared) == 3
-    for one in shared:
-        np.testing.assert_allclose(one.camera_from_panel, true, atol=1e-9)
-        assert "1 gave its pose" in one.assumed[-1] and not one.unusual
-
-
-def test_a_moved_camera_keeps_its_poses_and_failures_are_raised() -> None:
-    a, b = turned_pose((0.0, 0.0, 0.0)), turned_pose((0.0, 9.0, 0.0), distance_m=1.2)
-    kept = share_pose([Scene.HANGING] * 2, [lambda: registration(a), lambda: registration(b)], [None] * 2)
-    np.testing.assert_array_equal(kept[1].camera_from_panel, b)
-    assert kept[1].unusual == (AT_ODDS,)
-
-    def fails() -> Registration:
-        raise InputError("no corners", code="pins_not_found")
-
-    with pytest.raises(InputError, match="no corners"):
-        share_pose([Scene.HANGING], [fails], [None])
-    still = [lambda: registration(a)] * 2
-    given = share_pose([Scene.HANGING] * 3, [*still, fails], [panel_of(a)] * 3)[2]
-    np.testing.assert_allclose(given.camera_from_panel, a, atol=1e-9)
-    assert given.unusual == (NO_POSE,)
-    with pytest.raises(InputError, match="no corners"):  # what its panel says against the others' pose counts
-        share_pose([Scene.HANGING] * 3, [*still, fails], [panel_of(a), panel_of(a), panel_of(b)])
-
-
-@pytest.mark.parametrize("elsewhere", [((1.0, 2.0, 0.0), 1.01), ((1.0, 5.0, 0.0), 0.95)])
-def test_a_stretched_picture_whose_panel_lies_elsewhere_is_registered_by_itself(
-    elsewhere: tuple[tuple[float, float, float], float],
-) -> None:
-    still, moved = turned_pose((1.0, 2.0, 0.0)), turned_pose(*elsewhere)
-    alone = [lambda: registration(still)] * 2 + [lambda: registration(moved)] * 2
-    planes = [panel_of(still), panel_of(still), panel_of(moved), panel_of(still)]
-    shared = share_pose([Scene.HANGING] * 2 + [Scene.STRETCH] * 2, alone, planes)
-    np.testing.assert_array_equal(shared[2].camera_from_panel, moved)
-    np.testing.assert_allclose(shared[3].camera_from_panel, still, atol=1e-9)
-    assert [one.unusual for one in shared] == [(), (), (ELSEWHERE,), ()]
-    assert "still over 3 captures" in shared[3].assumed[-1]
-
-
-def test_a_capture_from_elsewhere_keeps_its_own_pose_where_that_fits_its_pins() -> None:
-    still, moved = turned_pose((1.0, 2.0, 0.0)), turned_pose((1.0, 2.0, 0.0), aim=(0.1, -0.25, 0.0))
-    for error_m, kept in ((0.004, moved), (0.05, still)):  # its pins found, or badly
-        votes = [replace(registration(pose), pin_error_m=e) for pose, e in ((still, 0.004),) * 2 + ((moved, error_m),)]
-        alone = [lambda v=v: v for v in [*votes, votes[0]]]
-        shared = share_pose([Scene.HANGING] * 3 + [Scene.STRETCH], alone, [None] * 4)
-        for one, expected in zip(shared, (still, still, kept, still), strict=True):
-            np.testing.assert_allclose(one.camera_from_panel, expected, atol=1e-9)
-        assert "2 gave its pose" in shared[0].assumed[-1]
-        assert (ELSEWHERE in shared[2].unusual) is (kept is moved)
-
-
 def test_pins_that_are_not_level_do_not_tilt_the_panel(hanging: Sheet) -> None:
     level = hanging.setup
     tilted = level.with_pins(top_left=(-0.2, 0.01, 0.0), top_right=(0.2, -0.01, 0.0))
@@ -269,40 +173,6 @@ def test_edges_found_outside_of_where_they_were_looked_for_are_refused(
     with pytest.raises(InputError, match="add a hanging picture") as caught:
         find(stretched, turned_pose((0.0, 0.0, 0.0)), stretched.setup, panel=True)
     assert caught.value.code == "pins_not_found"
-
-
-def test_a_set_without_a_pose_is_prepared(make_set: MakeSet) -> None:
-    true = turned_pose((2.0, 5.0, 1.0))
-    captures = CaptureSet.load(make_set()).captures
-    hung, pulled = prepare_all(captures)
-    for one in (hung, pulled):
-        shift, angle = difference(one.registration.camera_from_panel, true)
-        assert np.linalg.norm(shift) < 0.01
-        assert angle < 1.5
-        assert one.network_input.height.shape == (256, 256)
-    assert 0.09 < hung.network_input.height.max() < 0.14
-    alone = prepare(captures[1])
-    assert alone.registration.method == "panel_and_edges"
-
-
-def test_a_camera_that_was_moved_between_the_scenes_is_found_twice(make_set: MakeSet, stretched: Sheet) -> None:
-    """Not 60 mm off in depth, as where the hanging picture alone were heard."""
-    folder, moved = make_set(), turned_pose((2.0, 5.0, 1.0), distance_m=1.01)
-    write_depth_png(folder / "f1-stretch-0.png", with_noise(stretched.depth(CAMERA, moved), 0.001, 0.01))
-    hung, pulled = prepare_all(CaptureSet.load(folder).captures)
-    assert difference(hung.registration.camera_from_panel, turned_pose((2.0, 5.0, 1.0)))[0][2] < 0.001
-    shift, angle = difference(pulled.registration.camera_from_panel, moved)
-    assert abs(shift[2]) < 0.001 and np.linalg.norm(shift) < 0.015
-    assert angle < 1.0
-    assert pulled.registration.unusual == (ELSEWHERE,)
-    assert ELSEWHERE in report_capture(pulled).warnings
-
-
-def test_samples_of_another_size_hang_elsewhere(make_set: MakeSet) -> None:
-    def change(document: dict[str, Any]) -> None:
-        document["captures"][1]["setup"] = {"sample_size_m": [0.3, 0.3]}
-
-    assert _same_camera(CaptureSet.load(make_set(change)).captures) == [[0], [1]]
 
 
 def test_the_failing_capture_is_named(make_set: MakeSet) -> None:

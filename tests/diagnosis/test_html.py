@@ -270,7 +270,8 @@ def test_where_pixels_alone_raise_the_alarm_the_shape_is_not_blamed_for_it() -> 
     """The shape lies beyond the scatter of repeats nearly always: by no more than is expected."""
     made = report("unknown", 0.97)
     ps = {"p_shape": 0.9, "p_pixels": 1e-9, "p_factor": 1.0}
-    for shape, words in ((0.9, "panel and pixels, p = 1e-09; the cloth's shape by 1.00 mm against"), (1e-6, "(1.00 mm")):
+    pixels = "panel and pixels, p = 1e-09; the cloth's shape by 1.00 mm against"
+    for shape, words in ((0.9, pixels), (1e-6, "(1.00 mm")):
         gap = Gap.model_validate({**made.gap.model_dump(), "value": 1.0, **ps, "p_shape": shape})
         text = sentence(SimpleNamespace(report=made.model_copy(update={"gap": gap})))  # type: ignore[arg-type]
         assert words in text
@@ -326,9 +327,7 @@ def test_an_answer_from_a_part_of_the_catalogue_does_not_speak_for_all_of_it() -
     assert "no effect that was tried explains it" in sentence(SimpleNamespace(report=made))  # type: ignore[arg-type]
 
 
-def closed(
-    top: str, unit: str = "mm", fraction: float = 0.9, named_without: tuple[tuple[str, ...], ...] = ()
-) -> str:
+def closed(top: str, unit: str = "mm", fraction: float = 0.9, named_without: tuple[tuple[str, ...], ...] = ()) -> str:
     """The sentence of a report with a shrinkage, of a gap that is smaller than its floor."""
     made = report(top, 0.95)
     shrinkage = Shrinkage(

@@ -34,10 +34,52 @@ def test_json_forms(document: object, tmp_path: Path) -> None:
 def test_csv(tmp_path: Path) -> None:
     path = tmp_path / "library.csv"
     names = ("id", *PARAMETER_NAMES, "note")
-    path.write_text(",".join(names) + "\nx," + ",".join(str(VALUES[n]) for n in PARAMETER_NAMES) + ",soft\n")
-    (fabric,) = load_library(path)
-    assert fabric.id == "x"
+    row = ",".join(str(VALUES[n]) for n in PARAMETER_NAMES)
+    empty = "," * (len(names) - 1)
+    path.write_text("\n".join([empty, ",".join(names), f"x,{row},soft", empty, f"y,{row},", " ,,", empty]))
+    fabric, other = load_library(path)
+    assert (fabric.id, other.id) == ("x", "y")
     assert fabric.parameters.bending_weft == VALUES["bending_weft"]
+
+
+@pytest.mark.parametrize(
+    ("header", "told", "code"),
+    [
+        (
+            f"ID,{','.join(PARAMETER_NAMES)}",
+            "no column is named id; the columns are ID, stretch_warp,",
+            "library_id_missing",
+        ),
+        (
+            f"id,{','.join(PARAMETER_NAMES[:6])},mass",
+            "no column is named density; .*bending_bias, mass:",
+            "parameter_missing",
+        ),
+        (f"id;{';'.join(PARAMETER_NAMES)}", "separate columns with commas", "csv_separator"),
+    ],
+)
+def test_a_header_that_is_none_is_told_not_its_fabrics(header: str, told: str, code: str, tmp_path: Path) -> None:
+    path = tmp_path / "library.csv"
+    mark = ";" if ";" in header else ","
+    path.write_text(f"{header}\n" + mark.join(["x", *(str(VALUES[n]) for n in PARAMETER_NAMES)]))
+    with pytest.raises(InputError, match=told) as caught:
+        load_library(path)
+    assert caught.value.code == code
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_a_fabric_has_the_id_that_it_stands_under_and_no_other(nested: bool, tmp_path: Path) -> None:
+    path = tmp_path / "library.json"
+
+    def stating(own: object) -> dict[str, object]:
+        return {"parameters": {**VALUES, "id": own}} if nested else {**VALUES, "id": own}
+
+    path.write_text(json.dumps({"fabrics": {"a": VALUES, "b": stating("zz")}}))
+    with pytest.raises(InputError, match="the fabric under 'b' has the id 'zz': leave its id out") as caught:
+        load_library(path)
+    assert caught.value.code == "library_id_differs" and str(path) in str(caught.value)
+    path.write_text(json.dumps({"a": stating("a"), "7": stating(7), "c": stating(None)}))
+    assert [fabric.id for fabric in load_library(path)] == ["a", "7", "c"]
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from metric.draping import DrapeRequest, RequestResult
 from metric.index import FabricIndex
 from metric.library import LibraryFabric
 from metric.render import DrapeRender
+from metric.render_cache import RenderCache
 from metric.search import RankedFabric, search_library
 from metric.simulate import SimulationPlan
 from metric.sketch import Sketched
@@ -117,6 +118,24 @@ def test_fabrics_that_cannot_be_simulated_are_named(
     assert caught.value.code == "simulation_not_still"
 
 
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_fabric_that_cannot_be_simulated_is_not_simulated_again(
+    make_render: MakeRender, tmp_path: Path, pixels: SquaredEuclideanBackend, exact: bool
+) -> None:
+    simulations, entries = FakeSimulations(make_render), library(4)
+
+    def runner(requests: Sequence[DrapeRequest]) -> Iterator[RequestResult]:
+        for result in simulations(requests):
+            lost = result.request.fabric == entries[1].parameters
+            yield RequestResult(result.request, None, ("not_still",) * 3) if lost else result
+
+    kept = {"renders": RenderCache(tmp_path / "renders"), "descriptors": DescriptorStore(tmp_path / "descriptors")}
+    found = [search_library(fabric(2.0), entries, pixels, PLAN, runner=runner, exact=exact, **kept) for _ in range(2)]
+    assert simulations.runs == 5 * 2 * 3
+    assert found[0].failed == found[1].failed and [lost.id for lost in found[1].failed] == ["s1"]
+    assert order(found[0].ranking) == order(found[1].ranking)
+
+
 def test_descriptors_survive_on_disk_and_damage_is_a_miss(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     kept = FabricDescriptor(
@@ -193,6 +212,34 @@ def test_a_folder_spares_memory_and_damage_counts_as_absent(tmp_path: Path) -> N
     for key in "abc":
         alone.save(key, described)
     assert alone.load("a") is not None, "what is kept nowhere else stays"
+
+
+@pytest.mark.parametrize("on_disk", [False, True])
+def test_memory_holds_no_more_bytes_than_it_may(on_disk: bool, tmp_path: Path) -> None:
+    """One that is kept anew counts once, and one that is larger than all that may be is held alone."""
+    row = np.zeros((1, 100), np.float32)
+    described = FabricDescriptor({Scene.HANGING: row}, {Scene.HANGING: np.zeros((10, 10), np.uint8)})
+    assert described.nbytes == 500
+    store = DescriptorStore(tmp_path if on_disk else None, memory_bytes=1200)
+    for key in "aabab":
+        store.save(key, described)
+    assert set(store._memory) == {"a", "b"}
+    assert store.load("a") is not None
+    store.save("c", described)
+    assert set(store._memory) == {"a", "c"} and (store.load("b") is not None) is on_disk
+    store.save("d", FabricDescriptor({Scene.HANGING: np.zeros((1, 1000), np.float32)}, {}))
+    assert set(store._memory) == {"d"}
+    store.save("a", described)
+    assert set(store._memory) == {"a"}
+
+
+def test_a_search_needs_nothing_that_memory_let_go(make_render: MakeRender, pixels: SquaredEuclideanBackend) -> None:
+    whole = search_library(fabric(2.0), library(5), pixels, PLAN, runner=FakeSimulations(make_render), exact=False)
+    little = DescriptorStore(memory_bytes=1)
+    found = search_library(
+        fabric(2.0), library(5), pixels, PLAN, runner=FakeSimulations(make_render), descriptors=little, exact=False
+    )
+    assert found.ranking == whole.ranking and len(little._memory) == 1
 
 
 def test_renders_of_a_large_library_are_not_held_at_once(

@@ -17,7 +17,7 @@ from metric.draping import DrapeRequest, RequestResult, run_request
 from metric.render_cache import RenderCache
 from metric.simulate import SimulationPlan, local_runner, simulate_fabrics
 from renderer.user_cache import default_cache_folder
-from simcore.drape import Drape, DrapeStatus
+from simcore.drape import OUT_OF_TIME, Drape, DrapeStatus
 from simcore.errors import InputError, MissingResourceError, SimulationError
 from simcore.mesh import GridMesh
 from simcore.parameters import FabricParameters
@@ -152,6 +152,53 @@ def test_the_cache_keeps_apart_what_differs(tmp_path: Path, monkeypatch: pytest.
     for path in tmp_path.glob("*.npz"):
         path.write_bytes(path.read_bytes()[:200])
     assert cache.load(request) is None
+
+
+class NeverStill(FailingSolver):
+    """Comes to rest in no attempt, for one reason; counts them."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(GridMesh(0.025), 99)
+        self.reason = reason
+        self.attempts: list[int] = []
+
+    def solve(self, fabric: object, setup: object, *, seed: tuple[int, ...]) -> Drape:
+        self.attempts.append(seed[-1])
+        return replace(super().solve(fabric, setup, seed=seed), reason=self.reason)
+
+
+ONE = SimulationPlan(simulations=1, resolution_m=0.025, workers=1, scenes=(Scene.HANGING,))
+
+
+def test_what_does_not_come_to_rest_is_kept_and_gone_on_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache, solver = RenderCache(tmp_path), NeverStill("at a saddle that was not left")
+    monkeypatch.setattr(draping, "_solver", lambda _: solver)
+    done: list[int] = []
+    told = [
+        simulate_fabrics([MEDIUM], ONE, cache=cache, keep_failures=True, on_done=lambda: done.append(1))[0].failure
+        for _ in range(2)
+    ]
+    assert solver.attempts == [0, 1, 2] and len(done) == 2
+    assert told[0] == told[1] and "saddle" in told[0]
+    (fewer,) = simulate_fabrics([MEDIUM], replace(ONE, attempts=2), cache=cache, keep_failures=True)
+    assert fewer.failure and solver.attempts == [0, 1, 2]
+    solver.still_at = 4
+    (found,) = simulate_fabrics([MEDIUM], replace(ONE, attempts=5), cache=cache)
+    assert solver.attempts == [0, 1, 2, 3, 4] and not found.failure
+    assert len(found.retries[0].reasons) == 4
+    (again,) = simulate_fabrics([MEDIUM], replace(ONE, attempts=5), cache=cache)
+    assert again.retries == found.retries and len(solver.attempts) == 5
+    (fewer,) = simulate_fabrics([MEDIUM], replace(ONE, attempts=4), cache=cache, keep_failures=True)
+    assert fewer.failure and len(solver.attempts) == 5
+
+
+def test_what_ran_out_of_time_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    solver = NeverStill(f"{OUT_OF_TIME}; residual 0.5 vertex weights after 10 steps")
+    monkeypatch.setattr(draping, "_solver", lambda _: solver)
+    for _ in range(2):
+        (found,) = simulate_fabrics([MEDIUM], ONE, cache=RenderCache(tmp_path), keep_failures=True)
+        assert OUT_OF_TIME in found.failure
+    assert solver.attempts == [0, 1, 2] * 2 and not list(tmp_path.glob("*.npz"))
 
 
 def test_the_cache_stays_below_its_size(tmp_path: Path) -> None:

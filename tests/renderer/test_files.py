@@ -170,3 +170,15 @@ def test_the_longest_file_name_can_be_written(tmp_path: Path) -> None:
         write_atomically(tmp_path / ("n" * 256), b"x")
     assert caught.value.code == "cannot_write"
     assert [path.name for path in tmp_path.iterdir()] == ["n" * 255]
+
+
+def test_an_interrupted_write_leaves_the_old_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_atomically(tmp_path / "kept", b"old")
+
+    def interrupted(number: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(tmp_path / "kept", b"new")
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("kept", b"old")]

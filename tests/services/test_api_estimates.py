@@ -15,9 +15,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from capture.report import BY_EDGES_ALONE
 from renderer.camera import CANONICAL_CAMERA, frontal_pose
 from services.api.routes.estimates import MOST_REPEATS
 from simcore.parameters import ESTIMATED_NAMES
+from simcore.scenes import Scene
+from tests.capture.sheets import CAMERA as SHEET_CAMERA
+from tests.capture.sheets import camera_document, make_sheet, turned_pose, with_noise
 from tests.services.served import serving
 
 
@@ -67,10 +71,19 @@ def test_one_or_both_scenes_give_six_parameters_with_units(client: httpx.Client,
         low, high = body["intervals_90"][name]
         assert low <= value <= high
     assert body["units"]["bending_warp"] == "N·m"
-    assert body["scenes"] == list(scenes)
+    assert body["scenes"] == list(scenes) and body["notes"] == []
     assert isinstance(body["out_of_distribution"], bool)
     assert body["intervals_calibrated"] is False  # the test's model was calibrated on few fabrics
     assert len(body["model_version"]) > 6
+
+
+def test_a_pose_that_is_found_by_edges_alone_is_noted(client: httpx.Client) -> None:
+    depth = make_sheet(Scene.STRETCH).depth(SHEET_CAMERA, turned_pose((1.0, 4.0, 1.5)))
+    content = encode(np.rint(with_noise(depth, 0.0005, 0.01) / 1e-4).astype(np.uint16))
+    data = {"density": "0.2", "camera": json.dumps(camera_document(SHEET_CAMERA))}
+    answer = client.post("/v1/estimates", data=data, files={"stretch": ("s.png", content)})
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["notes"] == [f"capture stretch-0: {BY_EDGES_ALONE}"]
 
 
 def test_repeats_are_taken_together(client: httpx.Client) -> None:

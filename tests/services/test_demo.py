@@ -5,14 +5,18 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from diagnosis.atlas import open_atlas
 from services.cli import main
+from services.demo.learning import learn
 from services.demo.plan import DemoPlan
 from services.demo.steps import MARKER, _is_ours, prepare_folder
 from simcore.errors import InputError
+from tests.services.analytic_store import make_store
+from trainer.store_source import StoreSource
 
 TINY = DemoPlan(fine_m=0.05, coarse_m=0.05, materials=10, epochs=1, simulations=2, repeats=2)
 
@@ -44,6 +48,17 @@ def test_a_tiny_demonstration_leaves_what_its_page_shows(
     assert json.loads((out / MARKER).read_text(encoding="utf-8"))["samples"] == document["samples"]
     assert _is_ours(out / MARKER)  # a second one may take its place
     assert not [line for line in captured.err.splitlines() if line.startswith("error")]
+
+
+def test_the_demonstrations_model_knows_the_store_it_learnt_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By it an estimate knows how magnets held what was learnt from."""
+    store, told = make_store(tmp_path / "store.zarr"), []
+    monkeypatch.setattr("services.demo.learning.train", lambda _source, _config, **said: told.append(said) or Mock())
+    learn(store, tmp_path / "model", epochs=1, seed=0)
+    assert told[0]["provenance"] == StoreSource(store).provenance()
+    assert told[0]["provenance"]["configuration"] == {"made": "by hand"}
 
 
 def test_an_earlier_demonstration_is_replaced_and_other_folders_are_not(tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ from capture.camera_rig import AT_ODDS
 from capture.capture_set import Capture
 from capture.normalise import NetworkInput
 from capture.prepare import PreparedCapture, prepare_all
+from capture.register import HIDDEN
+from capture.report import BY_EDGES_ALONE
 from renderer.depth_png import write_depth_png
 from services.cli import main
 from simcore.parameters import ESTIMATED_NAMES, UNITS
@@ -142,6 +144,22 @@ def test_scores_on_captures_of_known_fabrics(model: Path, tmp_path: Path) -> Non
     assert "mae_own_range" in plain and "mae_range" not in plain
 
 
+def test_scores_come_with_what_speaks_against_the_poses(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_capture_set(tmp_path / "set", {"f1": 0.2, "f2": 0.3})
+    document = json.loads((folder / "captures.json").read_text())
+    for fabric in document["fabrics"]:
+        fabric["parameters"] = dict.fromkeys(ESTIMATED_NAMES[:3], 300.0) | dict.fromkeys(ESTIMATED_NAMES[3:], 1e-5)
+    (folder / "captures.json").write_text(json.dumps(document))
+    monkeypatch.setattr(evaluate_captures, "prepare_all", doubtful)
+    monkeypatch.setattr(sys, "argv", [evaluate_captures.__name__, str(folder), "--model", str(model)])
+    evaluate_captures.main()
+    captured = capsys.readouterr()
+    assert f"set/f2: capture f2-hanging-0, f2-stretch-0: {AT_ODDS}\n" in captured.err
+    assert AT_ODDS not in captured.out and len(captured.out.splitlines()) == 8
+
+
 def test_captures_of_unknown_fabrics_have_no_scores(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -155,23 +173,47 @@ def test_captures_of_unknown_fabrics_have_no_scores(
     assert said.endswith("[no_known_fabrics]\n") and not out.exists()
 
 
-def test_poses_are_found_from_the_whole_set(
+def doubtful(captures: Sequence[Capture]) -> Iterator[PreparedCapture]:
+    """As :func:`prepare_all`; of all four poses something is unusual, and of one scene's they are of edges alone."""
+    assert len(captures) == 4
+    for one in prepare_all(captures):
+        method = "panel_and_edges" if one.capture.scene is Scene.STRETCH else "panel_and_pins"
+        found = replace(one.registration, unusual=(AT_ODDS, HIDDEN), method=method, pin_error_m=0.02)
+        yield replace(one, registration=found)
+
+
+def test_poses_are_found_from_the_whole_set_and_what_speaks_against_them_is_noted_by_fabric(
     monkeypatch: pytest.MonkeyPatch, model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    seen: list[int] = []
-
-    def prepare(captures: Sequence[Capture]) -> Iterator[PreparedCapture]:
-        seen.append(len(captures))
-        for one in prepare_all(captures):
-            yield replace(one, registration=replace(one.registration, unusual=(AT_ODDS,)))
-
-    monkeypatch.setattr("capture.prepare.prepare_all", prepare)
-    asked = ["estimate", str(capture_set), "--density", "0.15", "--model", str(model), "--json"]
+    asked = ["estimate", str(capture_set), "--density", "0.15", "--model", str(model)]
+    assert [f["notes"] for f in run_json(capsys, *asked)["fabrics"]] == [[], []]
+    monkeypatch.setattr("capture.prepare.prepare_all", doubtful)
+    document = run_json(capsys, *asked)
+    assert [fabric["scenes"] for fabric in document["fabrics"]] == [["hanging", "stretch"]] * 2
+    for name, fabric in zip(("f1", "f2"), document["fabrics"], strict=True):
+        far, odds, alone = fabric["notes"]
+        both = f"capture {name}-hanging-0, {name}-stretch-0: "
+        assert far.startswith(f"{both}the pinned corners are 20 mm from") and odds == both + AT_ODDS
+        assert alone == f"capture {name}-stretch-0: {BY_EDGES_ALONE}"
     assert main.run(asked) == 0
-    captured = capsys.readouterr()
-    document = json.loads(captured.out)
-    assert captured.err.count(AT_ODDS) == 4
-    assert seen == [4] and [fabric["scenes"] for fabric in document["fabrics"]] == [["hanging", "stretch"]] * 2
+    said = capsys.readouterr().out
+    assert all(f"\n  {note}\n" in said for fabric in document["fabrics"] for note in fabric["notes"])
+
+
+def test_a_density_beyond_the_trained_ones_is_not_laid_on_the_captures(
+    model: Path, capture_set: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["estimate", str(capture_set), "--model", str(model), "--density"]
+    like = "these captures are unlike the training pictures"
+
+    def told(density: str) -> str:
+        capsys.readouterr()
+        assert main.run([*asked, density]) == 0
+        return capsys.readouterr().out.split("f2: ")[1]
+
+    usual, heavy = told("0.2"), told("4.9")
+    assert "the density 4.9 kg/m² is beyond the " in heavy and "density" not in usual
+    assert heavy.count(like) == usual.count(like) == 0
 
 
 @pytest.mark.parametrize("program", [evaluate_captures, saliency, ablation])

@@ -24,7 +24,7 @@ from simcore.parameters import FabricParameters
 from simcore.scenes import GRAVITY_M_S2
 
 from .closed_forms import stretch_under
-from .reference import Friction
+from .reference import SLIP_M, Friction
 from .rigs import ANISOTROPIC, Array, Level, Rig, crumpled, laid_out
 
 STIFF = FabricParameters(1000, 800, 300, 1e-4, 1e-4, 1e-4, 0.005)
@@ -318,25 +318,45 @@ def test_a_draft_tears_off_what_adhesion_cannot_hold(lift: float, sticks: bool) 
         assert 3 * math.sqrt(3) / 8 * 4 * t * (1 - t * t) == pytest.approx(lift, rel=0.02)
 
 
-def test_friction_holds_up_to_its_limit() -> None:
-    """Free sheet pressed to the panel: it shifts until friction carries the weight; beyond the limit it slips."""
-    fabric = FabricParameters(1000, 800, 300, 1e-5, 1e-5, 1e-5, 0.1)
-    grid = Grid(6, 6, 0.02, 0.02)
-    level, held = Level(grid), np.zeros((6, 6), dtype=bool)
-    press = 4.0  # Pa
-    weight = fabric.density * GRAVITY_M_S2
-    for coefficient in (0.3, 0.5, 2.0):
-        share = weight / (coefficient * press)
-        friction = Friction(coefficient * press * grid.areas, grid.rest[..., :2])
-        rig = Rig.of(level, fabric, held, Mechanics(air_pressure_pa=-press), panel=True, friction=friction)
-        start = np.add(grid.rest, [0.0, -1e-5, 8e-4])
-        if share < 1.0:
-            rest = rig.settle(start)
-            shift = 5e-4 * share / math.sqrt(1 - share**2)
-            assert grid.rest[..., 1] - rest[..., 1] == pytest.approx(np.full((6, 6), shift), rel=1e-2)
-            pushed = level.contact.normal_force(rest, level.fixed)
-            assert pushed == pytest.approx(press * grid.areas, rel=1e-3)
-        else:
-            far = level.gradient(np.subtract(start, [0.0, 1.0, 0.0]))
-            left = -far[..., 1].sum() / grid.areas.sum()
-            assert left == pytest.approx(coefficient * press - weight, rel=1e-3)
+PRESS_PA = 4.0
+LYING = FabricParameters(1000, 800, 300, 1e-5, 1e-5, 1e-5, 0.1)
+
+
+@pytest.fixture(scope="module")
+def small() -> Level:
+    return Level(Grid(6, 6, 0.02, 0.02))
+
+
+def lying(level: Level, coefficient: float) -> tuple[Rig, Array, float]:
+    """A free sheet pressed to an upright panel, where it starts, and its weight as a share of the most friction."""
+    grid = level.grid
+    friction = Friction(coefficient * PRESS_PA * grid.areas, grid.rest[..., :2])
+    draft = Mechanics(air_pressure_pa=-PRESS_PA)
+    rig = Rig.of(level, LYING, np.zeros((6, 6), dtype=bool), draft, panel=True, friction=friction)
+    share = LYING.density * GRAVITY_M_S2 / (coefficient * PRESS_PA)
+    return rig, np.add(grid.rest, [0.0, -1e-5, 8e-4]), share
+
+
+@pytest.mark.parametrize("coefficient", [0.3, 0.5, 2.0])
+def test_friction_that_can_carry_the_weight_holds_the_sheet_a_little_lower(coefficient: float, small: Level) -> None:
+    rig, start, share = lying(small, coefficient)
+    grid = rig.level.grid
+    assert share < 1.0
+    rest = rig.settle(start)
+    shift = SLIP_M * share / math.sqrt(1 - share**2)
+    assert grid.rest[..., 1] - rest[..., 1] == pytest.approx(np.full((6, 6), shift), rel=1e-2)
+    pushed = rig.level.contact.normal_force(rest, rig.level.fixed)
+    assert pushed == pytest.approx(PRESS_PA * grid.areas, rel=1e-3)
+
+
+@pytest.mark.parametrize("coefficient", [0.1, 0.2])
+def test_beyond_its_limit_friction_lets_the_sheet_slip(coefficient: float, small: Level) -> None:
+    """However far it has slipped, friction takes its most off the weight and the rest pulls on downwards."""
+    rig, start, share = lying(small, coefficient)
+    areas = rig.level.grid.areas
+    assert share > 1.0
+    for slipped in (0.0, 1e-3, 1e-2, 1.0):
+        gradient = rig.level.gradient(np.subtract(start, [0.0, slipped, 0.0]))
+        assert gradient[..., 1].sum() > 0.0  # energy falls on the way down
+    left = gradient[..., 1].sum() / areas.sum()
+    assert left == pytest.approx(LYING.density * GRAVITY_M_S2 - coefficient * PRESS_PA, rel=1e-3)

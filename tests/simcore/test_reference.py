@@ -37,7 +37,11 @@ HOOKS = {
 
 
 def rig_of(hook: str, level: Level | None = None) -> Rig:
-    mechanics = HOOKS[hook]
+    return rig_with(HOOKS[hook], level)
+
+
+def rig_with(mechanics: Mechanics, level: Level | None = None) -> Rig:
+    """The sample with these mechanics before its panel; friction, where there is some, with bounds drawn at random."""
     friction = None
     if mechanics.friction:
         rng = np.random.default_rng(5)

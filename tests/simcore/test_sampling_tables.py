@@ -67,7 +67,7 @@ def test_csv_and_json_lists_give_the_same_fabrics(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "message", "code"),
     [
-        ("a.csv", "stretch_warp,density\n1,2\n", "fabric 1: fabric parameters lack", "parameter_missing"),
+        ("a.csv", "stretch_warp,density\n1,2\n", "no column is named stretch_weft, ", "parameter_missing"),
         (
             "a.csv",
             HEADER + "1,1,1,x,1e-5,1e-5,0.2\n",
@@ -80,8 +80,13 @@ def test_csv_and_json_lists_give_the_same_fabrics(tmp_path: Path) -> None:
         ("a.csv", "density," + HEADER + "1,1,1,1,1,1,1,2\n", "density occurs twice: leave one", "csv_column_twice"),
         ("a.csv", HEADER + '"1' + ",2\n" * 100_000, "close every quotation mark", "csv_form"),
         ("a.csv", HEADER + '"1', "close every quotation mark", "csv_form"),
+        ("a.csv", HEADER.replace(",", ";") + "1;1;1;1e-5;1e-5;1e-5;0,2\n", "semicolons .*with commas", "csv_separator"),
+        ("a.csv", HEADER.replace(",", "\t"), "tabs stand between .*with commas", "csv_separator"),
+        ("a.csv", '"density";"stretch_warp"\n', "semicolons .*with commas", "csv_separator"),
+        ("a.csv", HEADER.title(), "named stretch_warp, .*; the columns are Stretch_Warp, ", "parameter_missing"),
         ("a.csv", "", "holds no fabric", "list_empty"),
         ("a.csv", HEADER, "holds no fabric", "list_empty"),
+        ("a.csv", HEADER + ",,,,,,\n , \n", "holds no fabric", "list_empty"),
         ("a.json", "[1, 2]", "a list of fabrics", "list_form"),
         ("a.json", "{", "not valid JSON", "file_not_json"),
         ("a.json", "[]", "holds no fabric", "list_empty"),

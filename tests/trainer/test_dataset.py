@@ -1,18 +1,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import islice, zip_longest
 
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from simcore.errors import InputError
 from trainer.dataset import (
     PairStream,
     Partition,
     PictureTable,
+    Shown,
     batches,
     deal_shards,
     decode_heights,
@@ -125,6 +128,52 @@ def test_pairs_are_those_of_each_material_by_itself(drawn: bool) -> None:
     assert pair_up(table.take(table.row < 0), one).shape == (0, 2)
     if one is not None and other is not None:
         assert one.integers(2**60) == other.integers(2**60)
+
+
+@pytest.mark.parametrize("done", [0, 1, 5, 8, 9, 20])
+def test_the_rest_of_a_stream_comes_as_it_would_have_come(done: int) -> None:
+    """Within a pass of eight batches, at its end and in the passes behind it."""
+    whole = PairStream(SOURCE, SOURCE.table(), size=32, passes=3, seed=4, buffer_shards=2)
+    rest = PairStream(SOURCE, SOURCE.table(), size=32, passes=3, seed=4, buffer_shards=2, shown=Shown(done, 3))
+    expected = list(whole)[3 * done :]
+    assert len(expected) == 72 - 3 * done
+    for ours, theirs in zip(rest, expected, strict=True):
+        assert all(torch.equal(a, b) for a, b in zip(ours, theirs, strict=True))
+
+
+@dataclass(frozen=True)
+class NotingSource(AnalyticSource):
+    """Analytic cloth; ``noted`` lists the rows that were read."""
+
+    noted: list[int] = field(default_factory=list)
+
+    def read(self, rows: NDArray[np.int64]) -> Tensor:
+        self.noted.extend(rows.tolist())
+        return super().read(rows)
+
+
+def test_what_was_shown_is_not_read_again() -> None:
+    source = NotingSource(12, 2, 32, shard_materials=2)
+    stream = PairStream(source, source.table(), size=32, passes=1, shown=Shown(5, 4))
+    assert len(list(stream)) == 4 and len(source.noted) == 8
+
+
+@pytest.mark.parametrize("done", range(8))
+def test_a_new_loader_s_workers_take_the_places_of_whose_turn_it_is(done: int) -> None:
+    """Three workers, batches of two pairs, dealt out in turn."""
+    turns = [number % 3 for number in range(20)]
+    places = [Shown(done, 2).of_worker(worker, 3) for worker in range(3)]
+    assert [lane for lane, _ in places] == turns[done : done + 3]
+    assert all(pairs == 2 * turns[:done].count(lane) for lane, pairs in places)
+
+
+@pytest.mark.slow
+def test_the_rest_comes_from_several_loading_processes_as_from_the_same_before() -> None:
+    whole = PairStream(SOURCE, SOURCE.table(), size=32, seed=4)
+    rest = PairStream(SOURCE, SOURCE.table(), size=32, seed=4, shown=Shown(5, 3))
+    expected = list(islice(batches(whole, 3, workers=2), 9))[5:]
+    for ours, theirs in zip(batches(rest, 3, workers=2), expected, strict=False):
+        assert all(torch.equal(a, b) for a, b in zip(ours, theirs, strict=True))
 
 
 def test_cache_gives_the_same_pictures() -> None:

@@ -15,6 +15,7 @@ from simcore.scenes import Scene
 from trainer.dataset import SCENES
 from trainer.evaluate_captures import KnownFabric, evaluate_captures
 from trainer.intervals import IntervalTable
+from trainer.mirrored import mirror_reason
 from trainer.model import TrainedModel
 from trainer.predict import Estimate, Estimator
 
@@ -156,6 +157,18 @@ def test_what_is_unlike_the_training_pictures_is_flagged(estimator: Estimator, a
     assert heavy.out_of_distribution and heavy.out_of_distribution_score > 1
 
 
+def test_a_density_beyond_those_of_the_training_is_told_apart_from_the_pictures(
+    estimator: Estimator, analytic_source: AnalyticSource
+) -> None:
+    shown = {"hanging": _input(analytic_source, _row(analytic_source, 0))}
+    _, high = estimator.model.scaling.densities()
+    known, heavy = estimator.estimate(shown, 0.99 * high), estimator.estimate(shown, 1.2 * high)
+    assert known.reasons == () and not known.out_of_distribution
+    assert heavy.picture_score == known.picture_score < 1.0 < heavy.out_of_distribution_score
+    (reason,) = heavy.reasons
+    assert reason.startswith(f"the density {1.2 * high:g} kg/m² is beyond the ") and f"to {high:.2g} that" in reason
+
+
 def test_without_calibration_the_interval_is_the_training_range(
     tiny_model: TrainedModel, analytic_source: AnalyticSource
 ) -> None:
@@ -225,3 +238,15 @@ def test_a_set_up_that_no_network_was_shown_is_told(estimator: Estimator, analyt
     odd = estimator.estimate({SCENES[0]: replace(shown, otherwise=("pins are elsewhere",))}, 0.2)
     assert odd.out_of_distribution and odd.reasons == ("pins are elsewhere",)
     assert odd.parameters == plain.parameters and plain.reasons == ()
+
+
+def test_stretch_alone_is_looked_at_in_the_mirror_which_sets_no_parameter(
+    estimator: Estimator, analytic_source: AnalyticSource, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inputs = {SCENES[s]: _input(analytic_source, _row(analytic_source, s)) for s in range(2)}
+    plain = estimator.estimate(inputs, 0.2)
+    monkeypatch.setattr(trainer.predict, "fits_better_in_the_mirror", lambda own, mirrored: np.ones(len(own), bool))
+    told = estimator.estimate(inputs, 0.2)
+    assert plain.reasons == () and not plain.out_of_distribution
+    assert told.reasons == (mirror_reason(Scene.STRETCH, [True]),) and told.out_of_distribution
+    assert replace(told, reasons=(), out_of_distribution=False) == plain

@@ -53,6 +53,7 @@ def test_a_density_is_held_against_those_of_its_own_side() -> None:
     assert scaling.beyond(0.02) == pytest.approx(1.0) and scaling.beyond(0.0199) > 1.0 > scaling.beyond(0.021)
     heaviest = 0.4 if scaling.density_high > 1.0 else np.exp(scaling.density_mean + scaling.density_spread)
     assert scaling.beyond(heaviest) == pytest.approx(1.0) and scaling.beyond(1.01 * heaviest) > 1.0
+    assert [scaling.beyond(end) for end in scaling.densities()] == pytest.approx([1.0, 1.0])
     assert TargetScaling.from_json(scaling.to_json()) == scaling
     earlier = {**scaling.to_json(), "density_limit": 2.0}
     assert TargetScaling.from_json(earlier).beyond(0.4) < 1.0  # which way was not kept

@@ -34,8 +34,9 @@ def create_drape_distance(
 ) -> JSONResponse:
     """Simulates both fabrics in both scenes, which takes seconds to minutes: poll the job named by `Location`.
 
-    The job's `result` holds `distance`, `standard_error`, `scenes` (`hanging`, `stretch`), `simulations`, `backend` and
-    `unit`. Scope `distances:write`.
+    The job's `result` holds `distance`, `standard_error`, `scenes` (`hanging`, `stretch`), `simulations`, `backend`,
+    `unit`, `simulated_again` and `raised_bias`: of `a` or `b`, where no plate has its `bending_bias`, what it was
+    simulated with. Scope `distances:write`.
     """
     inputs.check()
     return submit_job(state, caller, idempotency_key, "drape_distance", inputs)

@@ -49,9 +49,13 @@ class EstimateView(BaseModel):
         description="1 is the border; null where the model has learnt nothing of a scene."
     )
     out_of_distribution_reasons: list[str] = Field(
-        description="What of the set-up is unlike anything that the model was trained on."
+        description="What of the set-up, the density or a picture is unlike anything that the model was trained on."
     )
     scenes: list[str] = Field(description="Scenes the estimate rests on.")
+    notes: list[str] = Field(
+        description="What speaks against the poses found in the pictures, which are named as field and number: "
+        "`stretch-0`. Empty where nothing does."
+    )
     model_version: str
 
 

@@ -38,8 +38,9 @@ def create_fabric_search(
 ) -> JSONResponse:
     """Simulates what has not been simulated before: poll the job named by `Location`.
 
-    The job's `result` holds `ranking` (`id`, `name`, `distance`, `standard_error`), nearest first.
-    Scope `fabrics:read`.
+    The job's `result` holds `ranking` (`id`, `name`, `plm_ref`, `distance`, `standard_error`, `thumbnails`), nearest
+    first, `failed`, `searched`, `simulations`, `backend`, `unit` and `raised_bias`: by `id` (`reference`: of given
+    parameters), where no plate has the fabric's `bending_bias`, what it was simulated with. Scope `fabrics:read`.
     """
     inputs.check()
 

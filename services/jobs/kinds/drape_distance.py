@@ -31,13 +31,15 @@ def run(task: Task, report: Report) -> TaskOutput:
     from metric.backends import get_backend
     from metric.compare import compare_fabrics
     from services.caches import shared_metric_caches
+    from simcore.bending import raised_biases
 
     inputs = DrapeDistanceInputs.model_validate(task.inputs)
     backend = get_backend(inputs.backend)
     caches = shared_metric_caches()
+    a, b = inputs.a.to_fabric(), inputs.b.to_fabric()
     comparison = compare_fabrics(
-        inputs.a.to_fabric(),
-        inputs.b.to_fabric(),
+        a,
+        b,
         backend,
         inputs.plan(),
         runner=simulation_runner(task.resources),
@@ -55,5 +57,6 @@ def run(task: Task, report: Report) -> TaskOutput:
             "backend": found.backend,
             "unit": found.unit,
             "simulated_again": len(comparison.retries),
+            "raised_bias": raised_biases([("a", a), ("b", b)]),
         }
     )

@@ -51,6 +51,7 @@ def run(task: Task, report: Report) -> TaskOutput:
     from metric.library import parse_library
     from metric.search import search_library
     from services.caches import shared_metric_caches
+    from simcore.bending import raised_biases
 
     rows = task.inputs["library"]
     inputs = FabricSearchInputs.model_validate({k: v for k, v in task.inputs.items() if k != "library"})
@@ -79,6 +80,7 @@ def run(task: Task, report: Report) -> TaskOutput:
         descriptors=caches.descriptors,
         on_done=counting(report, 2 * inputs.simulations * (1 + len(library)), "simulations"),
     )
+    simulated = [(inputs.fabric_id or "reference", reference), *((f.id, f.parameters) for f in library)]
     nearest = found_fabrics.ranking[: inputs.limit]
     thumbnails = [_thumbnails(place, fabric) for place, fabric in enumerate(nearest, start=1)]
     return TaskOutput(
@@ -93,6 +95,7 @@ def run(task: Task, report: Report) -> TaskOutput:
                 for r, files in zip(nearest, thumbnails, strict=True)
             ],
             "failed": [{**told[f.id], "reason": f.reason} for f in found_fabrics.failed],
+            "raised_bias": raised_biases(simulated),
             "searched": len(library),
             "simulations": inputs.simulations,
             "backend": backend.name,
