@@ -7,9 +7,7 @@ from diagnosis.effects import catalogue
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import content_key
 from diagnosis.simulation.sizes import nodes
-from simcore.scenes import Setup
-
-SCENES = ("hanging", "stretch")
+from simcore.scenes import Scene, Setup
 
 
 def catalogue_key() -> str:
@@ -25,5 +23,5 @@ def _of_effect(effect: Effect) -> dict[str, object]:
         "sizes": [dict(size) for size in sizes],
         "shares": [float(share) for share in effect.place_shares],
         "between": [[dict(one.place), {str(k): v for k, v in one.shares.items()}] for one in effect.between],
-        "changed": [effect.apply(SimulationScene(Setup.nominal(scene)), size) for scene in SCENES for size in sizes],
+        "changed": [effect.apply(SimulationScene(Setup.nominal(scene)), size) for scene in Scene for size in sizes],
     }

@@ -74,7 +74,7 @@ def _shrinks(found: Shrinkage, names: Sequence[str]) -> str:
     else:
         text = f" Yet with {beside}, {of} does not shrink on held-out captures"
     if again < len(turns):
-        text += f"; without these, the others name {beside} in {again} of {len(turns)} turns, which lowers that share"
+        text += f"; without these, the others name {beside} in {again} of {len(turns)} turns"
     return f"{text}."
 
 

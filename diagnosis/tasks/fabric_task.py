@@ -184,8 +184,6 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
         for capture, (drape, rms) in zip(own, nearest, strict=True):
             if drape.key not in keys:
                 keys.append(drape.key)
-            if not any(put_up_alike(capture.scene.setup, setup) for setup in setups):
-                setups.append(capture.scene.setup)
             state = next((s for s in states if s.drape.key == drape.key and s.scene == capture.scene), None)
             reference = make_reference(drape.drape, capture.scene) if state is None else state.reference
             measured = measure(capture.depth, reference)
@@ -210,10 +208,19 @@ def explain_fabric(task: FabricTask, cache: DrapeCache) -> FabricResult:
                     state.warps,
                     pose_responses(drape.drape, capture.scene, state.reference, capture.pose_error_m),
                     noise_square(capture.scene),
-                    next(n for n, setup in enumerate(setups) if put_up_alike(capture.scene.setup, setup)),
+                    _setup_number(capture.scene.setup, setups),
                 )
             )
     return FabricResult(task, tuple(results), simulator.cost)
+
+
+def _setup_number(setup: Setup, known: list[Setup]) -> int:
+    """Number of a set-up among those that captures were put up in; a new one joins them."""
+    for number, other in enumerate(known):
+        if put_up_alike(setup, other):
+            return number
+    known.append(setup)
+    return len(known) - 1
 
 
 def find_states(
@@ -235,9 +242,9 @@ def find_states(
         found.append((setup, drape.key, rms))
         nearest.append((drape, rms))
     beyond = [rms**2 - noise_square(c.scene) for (_, rms), c in zip(nearest, captures, strict=True)]
+    setups = [c.scene.setup for c in captures]
     for number, capture in enumerate(captures):
-        setups = [c.scene.setup for c in captures]
-        alike = [b for b, setup in zip(beyond, setups, strict=True) if put_up_alike(capture.scene.setup, setup)]
+        alike = [b for b, setup in zip(beyond, setups, strict=True) if put_up_alike(setups[number], setup)]
         if is_missed(beyond[number], alike, capture.scene):
             again = find_state(simulator, task, capture, further=True)
             nearest[number] = min(nearest[number], again, key=lambda one: (not one[0].drape.ok, one[1]))
