@@ -8,18 +8,20 @@ VENV := .venv
 OUT := demo-out
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+# An environment holds this folder and its own in full: one that was moved or copied, or whose interpreter is gone, is
+# set up anew. Set-up writes both folders into .ready.
+SOUND := $(shell { [ "$$(cat "$(READY)")" = "$$(realpath . "$(VENV)")" ] && "$(BIN)/python" -SEc ''; } 2>/dev/null && echo yes)
 export VENV PYTHON TORCH_INDEX
 
-.PHONY: help setup demo test lint format docs bench bench-solver serve lock clean
+.PHONY: help setup demo test lint format docs bench bench-solver serve lock clean unsound
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 22
 
 setup: $(READY) ## system packages, virtual environment, pinned requirements
 
-$(READY): requirements.txt requirements-dev.txt pyproject.toml scripts/setup.sh scripts/system-packages.sh scripts/find-python.sh
+$(READY): requirements.txt requirements-dev.txt pyproject.toml scripts/setup.sh scripts/system-packages.sh scripts/find-python.sh $(if $(SOUND),,unsound)
 	@scripts/setup.sh
-	@touch $@
 
 demo: $(READY) ## the whole chain, small, into demo-out/ (OUT=folder)
 	@$(BIN)/drapemeter demo --out "$(OUT)"
