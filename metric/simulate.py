@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
+from metric.cores import usable_cores
 from metric.draping import DrapeRequest, RequestResult, run_request
 from metric.engine import engine_fingerprint
 from metric.render import DrapeRender
@@ -184,11 +184,6 @@ def local_runner(workers: int) -> Runner:
         yield from run_in_processes(run_request, requests, count)
 
     return run
-
-
-def usable_cores() -> int:
-    """Cores this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def _within(request: DrapeRequest, first: int, plan: SimulationPlan) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from dataclasses import dataclass
@@ -34,9 +33,10 @@ class Placement:
 
 def say_cost(configuration: SweepConfiguration, workers: int | None, json_output: bool) -> None:
     """Print what a sweep would cost."""
+    from metric.cores import usable_cores
     from services.dataset.cost import estimate_cost
 
-    cost = estimate_cost(configuration, workers or os.cpu_count() or 1)
+    cost = estimate_cost(configuration, workers or usable_cores())
     if json_output:
         console.emit_json(cost)
     else:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import socket
+import subprocess
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -13,6 +16,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from metric.cores import usable_cores
 from simcore.errors import InputError, MissingResourceError
 
 _STORE_BYTES = 100 * 2**20
@@ -23,6 +27,8 @@ _CLIENT_ATTEMPTS = 3
 CLUSTER_LOST = "cluster_lost"
 """Code of a cluster that went away while it was at work."""
 _PROBE_S = 5.0
+LOGS = "/tmp/ray/session_latest/logs"
+"""Where Ray tells what became of its processes, unless RAY_TMPDIR names another folder."""
 
 
 @contextmanager
@@ -32,12 +38,12 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
     Args:
         address: ``auto``, ``host:port`` or ``ray://...`` of a running cluster (its store must be reachable from every
             node); None takes ``RAY_ADDRESS``, else starts a cluster on this machine that ends with the block.
-        workers: None takes every CPU of the cluster, or of this machine; with ``gpus`` every GPU.
+        workers: None takes every CPU of the cluster, or all that this process may use; with ``gpus`` every GPU.
         gpus: workers need one GPU each.
 
     Raises:
         InputError: no cluster at the address, it wants a token, it has no GPU where one is needed, or the temporary
-            folder is none for Ray.
+            folder or that of the environment is none for Ray.
         MissingResourceError: the cluster went away within the block.
     """
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -45,11 +51,12 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
     import ray
 
     address = address or os.environ.get("RAY_ADDRESS") or "local"
-    cores = len(os.sched_getaffinity(0))
+    cores = usable_cores()
     if is_local(address):
         # Ray's workers look for modules in the folder where it was started, and before all others: it may have a
         # `metric.py` of somebody else's.
         _name_folders_whole()
+        interpreter = _interpreter()
         with chdir(Path(__file__).parents[2]), _own_sigterm(), _folder_told():
             ray.init(
                 address="local",
@@ -58,6 +65,7 @@ def ray_cluster(address: str | None, workers: int | None, *, gpus: bool = False)
                 include_dashboard=False,
                 object_store_memory=_STORE_BYTES,
                 _node_ip_address="127.0.0.1",
+                runtime_env=interpreter,
                 **_QUIET,
             )
     else:
@@ -108,6 +116,27 @@ def _folder_told() -> Iterator[None]:
         ) from None
 
 
+def _interpreter() -> dict[str, str] | None:
+    """What Ray must be told of an interpreter whose path a shell takes apart, as at a blank: it hands it to one.
+
+    Raises:
+        InputError: the node's own program, which reads its command with the rules of a shell, cannot read it.
+    """
+    path = sys.executable
+    if shlex.quote(path) == path:
+        return None
+    try:
+        if shlex.split(subprocess.list2cmdline([path])) == [path]:  # as Ray writes that command
+            return {"py_executable": shlex.quote(path)}
+    except ValueError:  # a quotation mark without its second
+        pass
+    raise InputError(
+        f"Ray cannot start {path}: set the environment up in a folder without quotation marks and backslashes in its "
+        "name",
+        code="ray_interpreter",
+    )
+
+
 def _name_folders_whole() -> None:
     """Let what the environment names be the same folders for workers, which are in another one."""
     for name in ("DRAPEMETER_CACHE", "DRAPEMETER_KERNEL_CACHE", "DRAPEMETER_WEIGHTS", "XDG_CACHE_HOME"):
@@ -155,6 +184,8 @@ def _knock(address: str) -> None:
         socket.create_connection((host, port), timeout=_PROBE_S).close()
     except OSError as error:
         raise _no_cluster(address, error.strerror or str(error)) from None
+    except ValueError:  # UnicodeError, of `a..b`
+        raise _no_cluster(address, f"{host} cannot be a machine's name") from None
 
 
 def _no_cluster(address: str, why: str) -> InputError:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from renderer.store import RowStatus
+from services.dataset.cluster import LOGS
 from services.dataset.configuration import SweepConfiguration
 from services.dataset.fabrics import FabricTable
 from services.dataset.shard import ShardTask
@@ -264,7 +265,8 @@ class Dispatcher:
                 self._lost(slot, RowStatus.TIMED_OUT, f"silent for {allowance:.0f} s")
         if not self._running and not self._idle and now - self._heard > self._options.start_allowance_s:
             raise StoreError(
-                f"no worker has come up in {self._options.start_allowance_s:.0f} s: the cluster has no free CPU",
+                f"no worker has come up in {self._options.start_allowance_s:.0f} s: the cluster has no free CPU, or "
+                f"cannot start a process ({LOGS} on its machines say why)",
                 code="workers_missing",
             )
 

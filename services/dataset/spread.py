@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-from services.dataset.cluster import has_workers
+from services.dataset.cluster import LOGS, has_workers
 from simcore.errors import SimulationError, StoreError
 
 Given = TypeVar("Given")
@@ -18,7 +18,8 @@ WINDOW_PER_CORE = 2
 DEATHS = ("WorkerCrashedError", "OutOfMemoryError", "NodeDiedError")
 """Of Ray: a task's worker died, and so did those that began it again."""
 PATIENCE_S, START_ALLOWANCE_S = 60.0, 900.0
-"""So often it is looked whether the cluster has workers while nothing is done, and so long it may have none."""
+"""So often it is looked whether the cluster has workers while nothing is done, and so long it may have none, or none
+that start."""
 RETRIES = 3
 """So often a task is begun again whose worker or node died."""
 
@@ -34,7 +35,7 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
     Raises:
         Exception: whatever ``work`` raised; tasks under way are called off.
         SimulationError: workers die again and again.
-        StoreError: the cluster has no worker (``workers_missing``).
+        StoreError: the cluster has no worker, or starts none (``workers_missing``).
     """
     import ray
 
@@ -43,19 +44,16 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
     remote: Any = ray.remote(_sealed).options(name=work.__name__, num_cpus=1, max_retries=RETRIES)
     waiting = list(reversed(items))
     pending: list[Any] = []
-    heard = time.monotonic()
+    silence = _Silence()
     try:
         while waiting or pending:
             while waiting and len(pending) < cores * WINDOW_PER_CORE:
                 pending.append(remote.remote(pickle.dumps((work, waiting.pop()))))
             done, pending = ray.wait(pending, num_returns=1, timeout=PATIENCE_S)
             if done:
-                heard = time.monotonic()
-            elif time.monotonic() - heard > START_ALLOWANCE_S and not has_workers():
-                raise StoreError(
-                    f"the cluster has had no worker for {START_ALLOWANCE_S:.0f} s: start some, then the same again",
-                    code="workers_missing",
-                )
+                silence.ended()
+            else:
+                silence.check()
             yield from (pickle.loads(parcel) for parcel in ray.get(done))
     except ray.exceptions.RayTaskError as error:
         raise error.cause from None  # with its code and without the worker's traceback
@@ -66,8 +64,55 @@ def spread(work: Callable[[Given], Made], items: Sequence[Given], cores: int) ->
             code="worker_died",
         ) from None
     finally:
-        for task in pending:
+        for task in [*pending, *silence.asked]:
             ray.cancel(task)
+
+
+class _Silence:
+    """Nothing is done: work may take long, but a cluster may also have no worker, or start none.
+
+    Attributes:
+        asked: a task that is done at once, on CPUs that are all at work, too, wherever a worker can be started.
+    """
+
+    def __init__(self) -> None:
+        self.asked: list[Any] = []
+        self._heard = self._without = time.monotonic()
+
+    def ended(self) -> None:
+        """Some work is done."""
+        self._heard = time.monotonic()
+
+    def check(self) -> None:
+        """Work is not done yet.
+
+        Raises:
+            StoreError: nor will it be: there has been no worker, or none that starts, for as long as is allowed.
+        """
+        import ray
+
+        now = time.monotonic()
+        if not has_workers():
+            self._without = now
+            if now - self._heard > START_ALLOWANCE_S:
+                raise StoreError(
+                    f"the cluster has had no worker for {START_ALLOWANCE_S:.0f} s: start some, then the same again",
+                    code="workers_missing",
+                )
+            return
+        if not self.asked:
+            self.asked = [ray.remote(_nothing).options(num_cpus=0).remote()]
+            self._without = now
+        if now - self._without > START_ALLOWANCE_S and not ray.wait(self.asked, timeout=0)[0]:
+            raise StoreError(
+                f"the cluster has had CPUs for {START_ALLOWANCE_S:.0f} s and could start no process on them: "
+                f"{LOGS} on its machines say why",
+                code="workers_missing",
+            )
+
+
+def _nothing() -> None:
+    """Done as soon as a worker is there."""
 
 
 def _sealed(parcel: bytes) -> bytes:

@@ -13,11 +13,12 @@ import numpy as np
 from renderer.store import RowStatus, Store, StoreWriter, store_exists
 from renderer.store_location import is_remote, local_path
 from services.dataset.cluster import is_local, is_ray_client, ray_cluster
-from services.dataset.configuration import SweepConfiguration, differences
+from services.dataset.configuration import SweepConfiguration
 from services.dataset.cost import CostEstimate, estimate_cost
 from services.dataset.dispatch import DispatchOptions
 from services.dataset.drive import Drive
 from services.dataset.fabrics import FabricTable
+from services.dataset.own_store import check_settings
 from services.dataset.solver_kind import SolverKind
 from services.dataset.tally import Tally
 from services.dataset.worker import SimulationDone
@@ -61,7 +62,7 @@ def prepare_store(url: str, configuration: SweepConfiguration, *, resume: bool) 
         seed=configuration.seed,
         software_version=_version(configuration),
     )
-    return list(range(configuration.layout.shards))
+    return _shards_left(url, configuration)  # another sweep may have been laid out at the same moment
 
 
 def shards_left(url: str, configuration: SweepConfiguration, *, resume: bool) -> list[int] | None:
@@ -77,14 +78,12 @@ def shards_left(url: str, configuration: SweepConfiguration, *, resume: bool) ->
         raise InputError(
             f"{url}: a store is there already; finish it with --resume or choose another --out", code="store_exists"
         )
+    return _shards_left(url, configuration)
+
+
+def _shards_left(url: str, configuration: SweepConfiguration) -> list[int]:
     store = Store.open(url)
-    differing = differences(store.stated["configuration"], configuration)
-    if differing:
-        raise InputError(
-            f"{url}: was made with other settings ({', '.join(differing)}); "
-            "resume it with its own, or choose another --out",
-            code="store_configuration",
-        )
+    check_settings(store, configuration)
     if store.stated["software_version"] != _version(configuration):
         raise InputError(
             f"{url}: was begun with version {store.attributes['software_version']}, this is {_version(configuration)}; "

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
+from metric.cores import usable_cores
 from renderer.store import RowStatus, ShardRows, Store
 from renderer.store_format import array_specs, combine_digests
 from renderer.store_location import lost_attributes
@@ -57,7 +57,7 @@ def validate_store(
         complete, _ = store.complete, store.checksums
     except StoreError as error:
         return ValidationReport(False, len(store), store.shards, 0, [str(error)])
-    together = threads or min(MOST_THREADS, len(os.sched_getaffinity(0)))
+    together = threads or min(MOST_THREADS, usable_cores())
     with ThreadPoolExecutor(together) as pool:
         for start in range(0, store.shards, together):
             shards = range(start, min(start + together, store.shards))

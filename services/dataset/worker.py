@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from renderer.atomic import NO_ROOM
-from renderer.store import RowStatus, ShardRows, StoreWriter
+from renderer.store import RowStatus, ShardRows, Store, StoreWriter
 from services.dataset.configuration import SweepConfiguration
+from services.dataset.own_store import check_settings, check_shards
 from services.dataset.shard import ShardTask, shard_requests, simulate_shard
 from services.dataset.solver_kind import SolverKind
 from services.dataset.solving import ShardSolver
@@ -81,8 +82,8 @@ class ShardWorker:
         """Do one shard; yields after each simulation, the last time after the shard is stored, and before it is.
 
         Raises:
-            InputError: no permission.
-            StoreError: the place of the store fails or has no space left.
+            InputError: no permission, or the store is another sweep's.
+            StoreError: the place of the store fails, has no space left, or two sweeps laid the store out.
             OutOfMemoryError: memory is short; the shard is not stored.
             MissingResourceError: the worker's machine or its installation lacks something; the shard is not stored.
         """
@@ -135,6 +136,9 @@ class ShardWorker:
         if self._solver is None or self._writer is None:
             from simcore.solver import Solver  # in the worker alone: Ray's client server, too, imports this module
 
+            store = Store.open(self._url)
+            check_settings(store, self._configuration)
+            check_shards(store, self._configuration)
             self._writer = StoreWriter.open(self._url)
             kind, mesh = self._configuration.solver, self._configuration.mesh
             if kind is SolverKind.SINGLE:

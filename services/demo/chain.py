@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from metric.simulate import usable_cores
+from metric.cores import usable_cores
 from services.dataset.sweep import SweepSummary
 from services.demo import captures, drapes, fabrics, gap, learning
 from services.demo.plan import DemoPlan

@@ -1,9 +1,13 @@
-"""A Ray cluster that goes away, told as what it is."""
+"""A Ray cluster that is not there, cannot be begun or goes away, told as what it is."""
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 import ray
@@ -91,9 +95,67 @@ def test_an_address_from_the_environment_is_said_to_be(monkeypatch: pytest.Monke
     for variable, option, told in (
         ("127.0.0.1:9", None, r"at 127\.0\.0\.1:9 \(RAY_ADDRESS\) \(.*\); start one, or unset RAY_ADDRESS$"),
         (None, "head:99999", r"at head:99999 \(Port out of range 0-65535\); start one, or leave --address out$"),
+        (
+            None,
+            "a..b:6379",
+            r"at a\.\.b:6379 \(a\.\.b cannot be a machine's name\); start one, or leave --address out$",
+        ),
         ("head:6379", "127.0.0.1:9", r"at 127\.0\.0\.1:9 \(.*\); start one, or leave --address out$"),
     ):
         monkeypatch.setenv("RAY_ADDRESS", variable or "")
         with pytest.raises(InputError, match=told) as caught, cluster.ray_cluster(option, None):
             raise AssertionError("the work began")
         assert caught.value.code == "cluster_missing"
+
+
+@pytest.mark.parametrize(
+    ("path", "quoted"),
+    [
+        ("/srv/drapemeter/.venv/bin/python", None),
+        ("/home/anna/Fabric tests/.venv/bin/python", "'/home/anna/Fabric tests/.venv/bin/python'"),
+        ("/home/anna/tests(2)/.venv/bin/python", "'/home/anna/tests(2)/.venv/bin/python'"),
+    ],
+)
+def test_an_interpreters_path_is_quoted_for_rays_shell(
+    path: str, quoted: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: dict[str, Any] = {}
+    monkeypatch.setattr("ray.init", lambda **named: given.update(named))
+    monkeypatch.setattr("ray.shutdown", lambda: None)
+    monkeypatch.setattr(sys, "executable", path)
+    with cluster.ray_cluster("local", 1):
+        assert given["runtime_env"] == (quoted and {"py_executable": quoted})
+
+
+@pytest.mark.parametrize("folder", ["anna's", "anna\\tests"])
+def test_an_interpreter_that_ray_cannot_start_is_told(folder: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ray.init", lambda **_: None)
+    monkeypatch.setattr(sys, "executable", f"/home/{folder}/.venv/bin/python")
+    with (
+        pytest.raises(InputError, match="set the environment up in a folder without quotation marks") as caught,
+        cluster.ray_cluster("local", 1),
+    ):
+        raise AssertionError("the work began")
+    assert caught.value.code == "ray_interpreter" and folder in str(caught.value)
+
+
+@pytest.mark.slow
+@pytest.mark.ray
+def test_work_is_done_by_an_interpreter_in_a_folder_with_a_blank(repository: Path, tmp_path: Path) -> None:
+    environment = tmp_path / "fabric tests & more"
+    environment.symlink_to(sys.prefix)
+    program = """
+from services.dataset.cluster import ray_cluster
+from services.dataset.spread import spread
+with ray_cluster("local", 1) as cores:
+    print(*spread(abs, [-3], cores))
+"""
+    said = subprocess.run(
+        [environment / "bin" / Path(sys.executable).name, "-c", program],
+        env={**os.environ, "PYTHONPATH": str(repository)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=150,
+    )
+    assert said.stdout == "3\n", said.stderr

@@ -94,6 +94,14 @@ def test_cost_is_told_before_anything_starts(capsys: pytest.CaptureFixture[str])
     assert cost["core_hours"] > cost["hours"] > 0 and cost["gigabytes"] > 0
 
 
+def test_cost_is_that_on_the_cores_that_may_be_used(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("metric.cores.usable_cores", lambda: 3)
+    assert run(["dataset", "--materials", "1000", "--dry-run", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["workers"] == 3
+
+
 def test_inspect_validate_merge_and_export(store: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["dataset", "inspect", str(store), "--figures", str(tmp_path / "figures"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["failed"] == {"timed_out": 2}

@@ -63,7 +63,14 @@ def _stream(word: str) -> Iterator[str]:
 @pytest.mark.parametrize(
     ("free", "born", "code", "told", "made", "killed"),
     [
-        (False, True, "workers_missing", "no worker has come up in 0 s: the cluster has no free CPU", 1, 1),
+        (
+            False,
+            True,
+            "workers_missing",
+            "no worker has come up in 0 s: the cluster has no free CPU, or cannot start",
+            1,
+            1,
+        ),
         (True, False, "workers_die", "workers die before they start: the actor died", MAX_STILLBORN + 1, 0),
         (True, True, "workers_die", r"shard 2 took 13 workers: the worker died \(RayError\)", 13, 13),
     ],
