@@ -36,9 +36,9 @@ behind the message, the REST service and jobs give it as `code`. Codes stay; mes
 such (`validation_failed`, `not_found` and their like) is in [api.md](api.md). *Status* is the exit status of a command
 / the HTTP status of an answer; a dash: never so. `simulate` ends with 1 where its own drape is not at rest
 (`drape_not_still`). The command line alone says `usage` (2: an option that cannot be read), `path_too_long` (2),
-`stdout_closed` (1), `cannot_write` (1 where the disk is full), `interrupted` (130) and `unexpected` (1: a fault of the
-program); a job that ended without an answer says `job_crashed` or `job_timed_out`, one that has waited in
-vain for room on a disk `no_room`.
+`not_permitted` (2: a place that may not be read or written), `stdout_closed` (1), `cannot_write` (1 where the disk is
+full), `interrupted` (130) and `unexpected` (1: a fault of the program); a job that ended without an answer says
+`job_crashed` or `job_timed_out`, one that has waited in vain for room on a disk `no_room`.
 
 | code | status | for example |
 |---|---|---|

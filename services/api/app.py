@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
@@ -10,6 +11,7 @@ from starlette.routing import Route
 
 from services.api.body_limit import PLAIN_BODY_BYTES, BodyLimit
 from services.api.head import HeadAsGet
+from services.api.housekeeping import keep_house
 from services.api.inference import Inference
 from services.api.key_first import KeyFirst
 from services.api.metrics import Metrics
@@ -57,7 +59,9 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        housekeeping = asyncio.create_task(keep_house(state))
         yield
+        housekeeping.cancel()
         state.close()
 
     app = FastAPI(

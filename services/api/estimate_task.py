@@ -76,3 +76,8 @@ def _read(model: Path, state: tuple[tuple[int, int], ...]) -> Estimator:
         return Estimator.load(model)
     except InputError as error:  # the server's fault, not the caller's
         raise MissingResourceError(str(error), code=error.code) from None
+    except OSError as error:
+        raise MissingResourceError(
+            f"the server cannot read its model ({error.strerror}): let it read the folder of DRAPEMETER_MODEL",
+            code="model_missing",
+        ) from None

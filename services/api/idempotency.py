@@ -128,7 +128,7 @@ class Once:
         return utc_now() - timedelta(hours=self.hours)
 
     def _forget(self, key: str) -> Delete:
-        """The answer of before the time that answers are remembered; workers sweep those away only now and then."""
+        """The answer of before the time that answers are remembered; those are swept away only now and then."""
         own = (IdempotencyRecord.caller == (self.caller.key_id or ""), IdempotencyRecord.key == key)
         return delete(IdempotencyRecord).where(*own, IdempotencyRecord.created_at < self._since())
 

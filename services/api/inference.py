@@ -9,11 +9,15 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import structlog
+
 from services.jobs.child import ChildProcess
 from services.jobs.task import Call, Crashed, Done, Progress, Refused
 from simcore.errors import DrapemeterError, InputError, MissingResourceError
 
 POLL_S = 0.2
+
+log = structlog.get_logger("drapemeter.api")
 
 
 class InferenceBusyError(DrapemeterError):
@@ -67,7 +71,7 @@ class Inference:
             InferenceBusyError: the queue is full.
             InferenceTimeoutError: it took too long.
             InputError: the input cannot be used.
-            MissingResourceError: the server shuts down.
+            MissingResourceError: the server shuts down, or its machine has no process or no memory for it.
             DrapemeterError: another failure.
         """
         self._refuse_at_the_end()
@@ -104,7 +108,7 @@ class Inference:
     def _compute(self, call: Call) -> Any:
         self._refuse_at_the_end()
         started = time.monotonic()
-        self._child.start(call)
+        self._begin(call)
         while True:
             event = self._child.poll(POLL_S)
             waited = time.monotonic() - started
@@ -130,3 +134,16 @@ class Inference:
                     raise DrapemeterError(
                         f"the inference process {reason}; see the server's log", code="internal_error"
                     )
+
+    def _begin(self, call: Call) -> None:
+        """Raises :class:`MissingResourceError` where the machine has no process, memory or file to spare."""
+        try:
+            self._child.start(call)
+        except OSError as error:
+            log.error("inference_not_started", error=str(error))
+            self._child.stop()  # whatever there is of it: the next begins afresh
+            raise MissingResourceError(
+                f"no process to estimate in ({error.strerror or error}): try again in a while, or free memory or "
+                "processes on the machine of the service",
+                code="no_process",
+            ) from error

@@ -20,6 +20,7 @@ from sqlalchemy.orm import Session
 from services.api.scopes import ApiScope
 from services.db.api_keys import ApiKey
 from services.db.base import utc_now
+from services.names import is_text
 from simcore.errors import InputError
 
 TOKEN = re.compile(r"dm_([0-9a-f]{12})_([A-Za-z0-9_-]{43})")
@@ -60,7 +61,7 @@ def create_key(
     Raises:
         InputError: no name, or a lifetime that is not positive.
     """
-    if not 1 <= len(name) <= 80 or not _is_text(name):
+    if not 1 <= len(name) <= 80 or not is_text(name):
         raise InputError("a key needs a name of 1 to 80 characters that says who uses it", code="key_name")
     if expires_after_days is not None and not 0 < expires_after_days <= 36500:
         raise InputError("a key's lifetime is a positive number of days", code="key_lifetime")
@@ -72,11 +73,6 @@ def create_key(
     session.add(key)
     session.flush()
     return NewKey(key.id, name, f"dm_{prefix}_{secret}", tuple(scopes), expires_at)
-
-
-def _is_text(name: str) -> bool:
-    """A shell may hand over bytes that are no characters."""
-    return not any("\ud800" <= character <= "\udfff" for character in name)
 
 
 def list_keys(session: Session) -> list[KeyInfo]:
@@ -105,7 +101,8 @@ def revoke_key(session: Session, name: str) -> str:
     Raises:
         InputError: no such key.
     """
-    key = session.scalar(select(ApiKey).where(or_(ApiKey.id == name, ApiKey.prefix == name.removeprefix("dm_"))))
+    wanted = select(ApiKey).where(or_(ApiKey.id == name, ApiKey.prefix == name.removeprefix("dm_")))
+    key = session.scalar(wanted) if is_text(name) else None
     if key is None:
         raise InputError(f"no API key {name!r}: 'drapemeter keys list' shows them", code="key_unknown")
     if key.revoked_at is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from simcore.errors import MissingResourceError
@@ -9,9 +10,13 @@ from trainer.shipped import DEFAULT_MODEL, META_FILE
 
 
 def find_model(configured: Path | None) -> Path | None:
-    """The configured folder, else the model that ships with the package; None where there is none."""
+    """The configured folder, else the model that ships with the package; None where the server can read none."""
     folder = configured if configured is not None else DEFAULT_MODEL
-    return folder if (folder / META_FILE).is_file() else None
+    meta = folder / META_FILE
+    try:
+        return folder if meta.is_file() and os.access(meta, os.R_OK) else None
+    except OSError:  # a folder that the server may not enter
+        return None
 
 
 def require_model(configured: Path | None) -> Path:
@@ -23,7 +28,8 @@ def require_model(configured: Path | None) -> Path:
     folder = find_model(configured)
     if folder is None:
         raise MissingResourceError(
-            "the server has no trained model: set DRAPEMETER_MODEL to a folder made by `drapemeter train`",
+            "the server has no trained model that it can read: set DRAPEMETER_MODEL to a folder made by "
+            "`drapemeter train`",
             code="model_missing",
         )
     return folder

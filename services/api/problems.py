@@ -91,12 +91,17 @@ def problem_body(
         title=HTTPStatus(status).phrase,
         status=status,
         code=code,
-        detail=detail.encode(errors="backslashreplace").decode(),  # half a character is no JSON
+        detail=_text(detail),
         instance=quote(instance),
         request_id=request_id(),
         errors=list(errors) if errors else None,
     )
     return problem.model_dump(mode="json", exclude_none=True)
+
+
+def _text(said: str) -> str:
+    """With escapes for half a character, which is no JSON."""
+    return said.encode(errors="backslashreplace").decode()
 
 
 def problem_response(
@@ -152,7 +157,7 @@ async def _on_validation_error(request: Request, error: Exception) -> JSONRespon
     assert isinstance(error, RequestValidationError)
     # Only place, kind and message: what was sent may be long, secret or no valid JSON.
     fields = [
-        FieldError(pointer="/".join(str(part) for part in e["loc"]), code=str(e["type"]), detail=str(e["msg"]))
+        FieldError(pointer=_text("/".join(str(p) for p in e["loc"])), code=str(e["type"]), detail=str(e["msg"]))
         for e in error.errors()[:MOST_FIELDS]
     ]
     sent = request.headers.get("content-type", "").split(";")[0].strip().lower()

@@ -94,15 +94,15 @@ def open_listener(host: str, port: int) -> socket.socket:
     """A bound socket, before anything else is started.
 
     Raises:
-        InputError: the address is not this machine's, or the port is taken or not allowed.
+        InputError: the address is none or not this machine's, or the port is taken or not allowed.
     """
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         return socket.create_server(address[:2], family=family)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:  # the latter where a name's labels are empty or too long
+        why = error.strerror or error if isinstance(error, OSError) else "no name of a host"
         raise InputError(
-            f"cannot listen at {host} port {port} ({error.strerror or error}): choose others with --host and --port",
-            code="cannot_listen",
+            f"cannot listen at {host} port {port} ({why}): choose others with --host and --port", code="cannot_listen"
         ) from None
 
 

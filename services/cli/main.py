@@ -42,6 +42,8 @@ COMMANDS: dict[str, str] = {
 EXIT_FAILURE = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+NOT_PERMITTED = (errno.EACCES, errno.EPERM, errno.EROFS)
+"""What the system says of a place that is there, but not for whoever runs the command."""
 
 OVERVIEW = """How will it drape? Fabric mechanics from depth pictures, and what a simulator still lacks.
 
@@ -136,15 +138,11 @@ def run(arguments: Sequence[str]) -> int:
         except Exception as error:  # noqa: BLE001  the outermost frame: a failure nobody foresaw still gets one line
             if debug:
                 traceback.print_exc()
-            if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-                console.error_line(f"{error.filename}: {error.strerror}; give a shorter path", "path_too_long")
-                return EXIT_BAD_INPUT
-            if isinstance(error, OSError) and error.errno in NO_ROOM:
-                place = error.filename or "what the command makes"
-                console.error_line(
-                    f"cannot write {place}: {error.strerror}; make room, or name another place", "cannot_write"
-                )
-                return EXIT_FAILURE
+            refused = _refused_by_the_system(error) if isinstance(error, OSError) else None
+            if refused is not None:
+                text, code, status = refused
+                console.error_line(text, code)
+                return status
             refusal = getattr(error, "orig", None) if type(error).__module__ == "sqlalchemy.exc" else None
             if refusal is not None:
                 console.error_line(f"the database did not do it: {refusal}", "database_unreachable")
@@ -152,6 +150,20 @@ def run(arguments: Sequence[str]) -> int:
             text = f"unexpected {type(error).__name__}: {error}; `drapemeter --debug ...` shows where"
             console.error_line(text, "unexpected")
             return EXIT_FAILURE
+
+
+def _refused_by_the_system(error: OSError) -> tuple[str, str, int] | None:
+    """What whoever runs the command can mend: the line, its code and the exit status."""
+    place = error.filename
+    if error.errno == errno.ENAMETOOLONG:
+        return f"{place}: {error.strerror}; give a shorter path", "path_too_long", EXIT_BAD_INPUT
+    if error.errno in NO_ROOM:
+        text = f"cannot write {place or 'what the command makes'}: {error.strerror}; make room, or name another place"
+        return text, "cannot_write", EXIT_FAILURE
+    if error.errno in NOT_PERMITTED and place:
+        text = f"{place}: not permitted ({error.strerror}); name a place that you may read and write"
+        return text, "not_permitted", EXIT_BAD_INPUT
+    return None
 
 
 def _replace_closed_streams() -> bool:

@@ -20,7 +20,7 @@ import structlog
 from renderer.atomic import NO_ROOM as DISK_FULL
 from services.jobs.task import NO_ROOM, Call, Crashed, Done, Event, Progress, Refused, Report, Throttle
 from services.logs import configure_logging
-from simcore.errors import DrapemeterError, InputError
+from simcore.errors import DrapemeterError, InputError, OutOfMemoryError
 from simcore.parent import end_with_parent
 
 STOP_GRACE_S = 10.0
@@ -151,6 +151,11 @@ def _outcome(call: Call, report: Report) -> Done | Refused:
         if _is_full(error):
             return _FULL
         raise
+    except MemoryError as error:
+        said = " ".join(str(error).split()) or "Python could get no more"
+        log.error("out_of_memory", error=said)
+        text = f"out of memory ({said}): ask for less at once (coarser cells, smaller pictures), or try again later"
+        return Refused(OutOfMemoryError.code, text, False)
 
 
 def _is_full(error: BaseException | None) -> bool:

@@ -6,9 +6,12 @@ from datetime import timedelta
 
 from sqlalchemy import delete, select
 
-from services.db.engine import Database
+from services.db.engine import Database, in_turn
 from services.db.idempotency import IdempotencyRecord
 from services.db.jobs import Job, JobFile, JobStatus
+
+PURGE_LOCK = 0x70757267
+"""Under which servers and workers forget one after the other (the letters 'purg')."""
 
 
 def purge(database: Database, *, jobs_after_days: float, answers_after_hours: float) -> None:
@@ -18,6 +21,7 @@ def purge(database: Database, *, jobs_after_days: float, answers_after_hours: fl
     ended = select(Job.number).where(Job.status.in_(final))
     old = ended.where(Job.finished_at < now - timedelta(days=jobs_after_days))
     with database.write() as session:
+        in_turn(session, PURGE_LOCK)
         session.execute(delete(JobFile).where(JobFile.role == "input", JobFile.job_number.in_(ended)))
         session.execute(delete(JobFile).where(JobFile.job_number.in_(old)))
         session.execute(

@@ -13,6 +13,7 @@ from metric.triplets import Answer, Triplet, draw_triplets
 from services.db.base import utc_now
 from services.db.engine import Database
 from services.db.studies import Study, StudyAnswer, StudyFabric, StudyParticipant, StudyPicture
+from services.names import is_text
 from simcore.errors import InputError
 
 EXPERIENCES = ("", "none", "some", "professional")
@@ -227,7 +228,7 @@ class _Row:
 
 
 def find_study(session: Session, study_id: str) -> Study:
-    study = session.scalar(select(Study).where(Study.id == study_id))
+    study = session.scalar(select(Study).where(Study.id == study_id)) if is_text(study_id) else None
     if study is None:
         raise InputError(
             f"there is no study {study_id!r} in this database: 'drapemeter study list' shows them", code="study_unknown"

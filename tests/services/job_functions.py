@@ -39,6 +39,11 @@ def fill(by: str, *, report: Report) -> None:
     raise DrapemeterError("cannot write /somewhere/on/the/server", code="cannot_write") from full
 
 
+def grow(said: str, *, report: Report) -> None:
+    """More than memory holds."""
+    raise MemoryError(said)
+
+
 def die(*, report: Report) -> None:
     """As a crash in compiled code, or the kernel short of memory."""
     os.kill(os.getpid(), signal.SIGKILL)

@@ -12,10 +12,11 @@ import uvicorn
 
 from services.api import server
 from services.api.inference import Inference
-from services.api.server import _Server, run_server
+from services.api.server import _Server, open_listener, run_server
 from services.cli import main
 from services.db.engine import Database
 from services.settings import Settings
+from simcore.errors import InputError
 from tests.services.served import QUICK, SOFT, STIFF, Served, drapemeter, finished
 
 pytestmark = pytest.mark.timeout(400)
@@ -113,6 +114,13 @@ def test_a_taken_port_is_told_in_one_line(served: Served, tmp_path: Path) -> Non
     assert refused.returncode == 2
     assert f"cannot listen at 127.0.0.1 port {port}" in refused.stderr
     assert refused.stderr.strip().splitlines()[-1].startswith("error:")
+
+
+@pytest.mark.parametrize("host", ["a..b", "x" * 64, "\udcff"])
+def test_what_is_no_name_of_a_host_is_told_in_one_line(host: str) -> None:
+    with pytest.raises(InputError, match=r"cannot listen at .* \(no name of a host\): choose others") as caught:
+        open_listener(host, 0)
+    assert caught.value.code == "cannot_listen"
 
 
 def test_workers_are_told_of_a_signal_while_requests_are_open() -> None:

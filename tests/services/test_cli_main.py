@@ -8,13 +8,16 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import typer
 
 from services import console
 from services.cli import main
+from services.cli.outputs import check_file
 from simcore.errors import InputError, SimulationError
 
 
@@ -135,6 +138,54 @@ def test_a_path_that_the_system_does_not_take_is_bad_input(capsys: pytest.Captur
     assert main.run(["diagnose", "x" * 300, "--out", "out"]) == 2
     line = capsys.readouterr().err
     assert line.count("\n") == 1 and "give a shorter path [path_too_long]" in line
+
+
+@pytest.mark.parametrize("refusal", main.NOT_PERMITTED)
+def test_a_place_that_may_not_be_used_is_bad_input(
+    probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str], refusal: int
+) -> None:
+    probe(raiser(OSError(refusal, os.strerror(refusal), "theirs/p.json")))
+    assert main.run(["simulate"]) == 2
+    said = capsys.readouterr().err
+    line = f"theirs/p.json: not permitted ({os.strerror(refusal)}); name a place that you may read and write"
+    assert said == f"error: {line} [not_permitted]\n"
+
+
+def test_what_is_not_permitted_and_is_no_place_is_not_told_as_one(
+    probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    probe(raiser(OSError(errno.EPERM, os.strerror(errno.EPERM))))
+    assert main.run(["simulate"]) == 1
+    assert capsys.readouterr().err.endswith("[unexpected]\n")
+
+
+@contextmanager
+def as_nobody() -> Iterator[None]:
+    """Without the rights of the system's administrator, who may enter every folder."""
+    administrator = os.geteuid() == 0
+    if administrator:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if administrator:
+            os.seteuid(0)
+
+
+def test_a_folder_that_may_not_be_entered_is_bad_input(
+    probe: Callable[[Callable[[], None]], None], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    shut = tmp_path / "shut"
+    shut.mkdir(mode=0)
+
+    def body() -> None:
+        with as_nobody():
+            check_file(shut / "inner" / "page.md")
+
+    probe(body)
+    assert main.run(["simulate"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and str(shut / "inner" / "page.md") in said and said.endswith("[not_permitted]\n")
 
 
 def test_json_keeps_other_prints_off_standard_output(

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import threading
 from typing import Any
 
 import pytest
+from fastapi import FastAPI
+from fastapi.testclient import TestClient
 
 from services.api import inference
 from services.api.inference import Inference, InferenceBusyError
-from services.jobs.task import Call, Crashed, Done, Event
+from services.api.problems import install_problem_handlers
+from services.jobs.task import Call, Crashed, Done, Event, Refused
 from simcore.errors import MissingResourceError
 
 
@@ -119,3 +124,42 @@ def test_the_time_of_an_estimate_is_that_in_the_process(monkeypatch: pytest.Monk
 
     asyncio.run(ask())
     assert len(seconds) == 1
+
+
+def asked_of_a_server(running: Inference) -> tuple[int, str, str]:
+    """Status, code and `Retry-After` of a route that asks for an estimate."""
+    app = FastAPI()
+    install_problem_handlers(app)
+
+    @app.get("/")
+    async def estimate() -> Any:
+        return await running.run(Call(abs, (-1,)))
+
+    answer = TestClient(app).get("/")
+    return answer.status_code, answer.json()["code"], answer.headers["retry-after"]
+
+
+@pytest.mark.parametrize("lack", [errno.EAGAIN, errno.ENOMEM, errno.EMFILE])
+def test_a_machine_without_a_process_to_spare_says_when_to_come_back(
+    lack: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Unborn(PromptChild):
+        def start(self, call: Call) -> None:
+            if not self.stopped:
+                raise OSError(lack, os.strerror(lack))
+
+    child = Unborn(Done(42))
+    monkeypatch.setattr(inference, "ChildProcess", lambda name, **_: child)
+    running = Inference(queue=1, timeout_s=60.0)
+    assert asked_of_a_server(running) == (503, "no_process", "60")
+    assert child.stopped  # what was half begun is ended, and the next one begins afresh
+    assert asyncio.run(running.run(Call(abs, (-1,)))) == 42
+    running.close()
+
+
+def test_an_estimate_without_memory_says_when_to_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    short = Refused("out_of_memory", "out of memory: ask for less at once", bad_input=False)
+    monkeypatch.setattr(inference, "ChildProcess", lambda name, **_: PromptChild(short))
+    running = Inference(queue=1, timeout_s=60.0)
+    assert asked_of_a_server(running) == (503, "out_of_memory", "60")
+    running.close()

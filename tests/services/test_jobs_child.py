@@ -51,6 +51,14 @@ def test_a_full_disk_is_no_mistake_of_the_program(by: str, child: ChildProcess) 
     assert "make room" in event.detail and "/somewhere" not in event.detail
 
 
+@pytest.mark.parametrize(("given", "said"), [("Unable to allocate 2.0 GiB", "2.0 GiB"), ("", "no more")])
+def test_too_little_memory_is_no_mistake_of_the_program(given: str, said: str, child: ChildProcess) -> None:
+    child.start(Call(job_functions.grow, (given,)))
+    event = ending(child)
+    assert isinstance(event, Refused) and (event.code, event.bad_input) == ("out_of_memory", False)
+    assert said in event.detail and "ask for less" in event.detail
+
+
 def test_a_mistake_is_one_line_of_the_log_that_names_its_job(
     child: ChildProcess, capfd: pytest.CaptureFixture[str]
 ) -> None:

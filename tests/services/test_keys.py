@@ -6,18 +6,21 @@ import json
 import socket
 import sqlite3
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import httpx
 import pytest
 from fastapi import Request
 from sqlalchemy.exc import InternalError
 
-from services.api.auth import identify, refuse_browsers
+from services.api.auth import NOTE_USE_EVERY, identify, refuse_browsers
 from services.api.keys import create_key, find_key, list_keys, revoke_key
 from services.api.problems import ProblemError
 from services.api.scopes import ApiScope, parse_scopes
+from services.cli import main
 from services.db.base import utc_now
 from services.db.engine import Database, parse_url
 from services.settings import Settings
@@ -90,6 +93,15 @@ def test_unknown_scopes_and_keys_are_refused(database: Database) -> None:
     assert caught.value.code == "key_unknown"
 
 
+def test_what_is_no_text_is_no_key(database: Database) -> None:
+    with (
+        database.write() as session,
+        pytest.raises(InputError, match=r"no API key '\\udcff': .*keys list") as caught,
+    ):
+        revoke_key(session, "\udcff")
+    assert caught.value.code == "key_unknown"
+
+
 @pytest.mark.parametrize("days", [0.0, -1.0, float("nan"), float("inf"), 36501.0])
 def test_a_key_lives_for_some_days(database: Database, days: float) -> None:
     with database.write() as session:
@@ -112,6 +124,57 @@ def test_the_command_line_makes_lists_and_revokes(tmp_path: Path) -> None:
     refused = drapemeter(tmp_path, "keys", "create", "--name", "x", "--scopes", "all")
     assert refused.returncode == 2
     assert "unknown scope 'all'" in refused.stderr
+
+
+def listed(url: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict[str, Any], str]:
+    """The one key of a database, as a document and as a line of the table."""
+    capsys.readouterr()
+    said = []
+    for form in (["--json"], []):
+        assert main.run(["keys", "list", "--database", url, *form]) == 0
+        said.append(capsys.readouterr().out)
+    (key,) = json.loads(said[0])["keys"]
+    return key, said[1].removesuffix("\n")
+
+
+def test_use_and_revocation_are_listed(
+    database: Database, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with database.write() as session:
+        key = create_key(session, "plm", (ApiScope.FABRICS_READ, ApiScope.JOBS_READ))
+    head = f"{prefix(key.token)}  plm"
+    document, line = listed(database.public_url, capsys)
+    assert document["last_used_at"] is None and document["revoked_at"] is None
+    assert line == f"{head}  last used never  fabrics:read,jobs:read"
+
+    def use() -> str:
+        assert identify(with_key(key.token), guarded_state(database)).key_id == key.id
+        document, line = listed(database.public_url, capsys)
+        assert line == f"{head}  last used {document['last_used_at']}  fabrics:read,jobs:read"
+        return str(document["last_used_at"])
+
+    began = utc_now()
+    first = use()
+    assert began <= datetime.fromisoformat(first) <= utc_now()
+    assert use() == first  # within a minute, so that not every request writes
+    monkeypatch.setattr("services.api.auth.utc_now", lambda: utc_now() + NOTE_USE_EVERY)
+    assert use() > first
+    with pytest.raises(ProblemError):
+        identify(with_key("dm_1f2e3d4c5b6a"), guarded_state(database))
+    assert main.run(["keys", "revoke", key.id, "--database", database.public_url]) == 0
+    document, line = listed(database.public_url, capsys)
+    assert document["revoked_at"] >= document["last_used_at"] > first
+    assert line == f"{head}  revoked  fabrics:read,jobs:read"
+
+
+def with_key(token: str) -> Request:
+    """Something that comes with a key."""
+    return Request({"type": "http", "headers": [(b"authorization", f"Bearer {token}".encode())]})
+
+
+def guarded_state(database: Database) -> Any:
+    """All that is looked at of a server's state."""
+    return SimpleNamespace(database=database, settings=Settings(environment="production"))
 
 
 @pytest.fixture(scope="module")
@@ -303,9 +366,7 @@ def test_a_key_serves_while_the_database_only_reads(database: Database, monkeypa
         raise InternalError("UPDATE", {}, Exception("cannot execute UPDATE in a read-only transaction"))
 
     monkeypatch.setattr("services.api.auth.note_use", refuse)
-    state = SimpleNamespace(database=database, settings=Settings(environment="production"))
-    request = Request({"type": "http", "headers": [(b"authorization", f"Bearer {key.token}".encode())]})
-    assert identify(request, state).key_id == key.id  # type: ignore[arg-type]  # all that is looked at
+    assert identify(with_key(key.token), guarded_state(database)).key_id == key.id
 
 
 def test_an_expired_key_is_listed_as_such(tmp_path: Path) -> None:

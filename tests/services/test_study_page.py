@@ -209,9 +209,11 @@ def test_a_study_needs_names_and_pictures(store: StudyStore) -> None:
         create_study(store.database, "x", bare, triplets=12, shared=0, seed=0)
 
 
-def test_unknown_study(store: StudyStore) -> None:
-    with pytest.raises(InputError, match=r"no study 'study_0' in this database: .*study list") as caught:
-        StudyStore(store.database, "study_0")
+@pytest.mark.parametrize(("study", "shown"), [("study_0", "study_0"), ("\udcff", r"\\udcff")])
+def test_unknown_study(store: StudyStore, study: str, shown: str) -> None:
+    """Bytes that are no text are none, too."""
+    with pytest.raises(InputError, match=rf"no study '{shown}' in this database: .*study list") as caught:
+        StudyStore(store.database, study)
     assert caught.value.code == "study_unknown"
 
 

@@ -10,13 +10,14 @@ from fastapi.responses import JSONResponse
 from services.api.auth import Caller, require
 from services.api.documented import accepted, problems
 from services.api.idempotency import IdempotencyKey
+from services.api.json_body import JsonRoute
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.api.submit import submit_job
 from services.api.views import JobView
 from services.jobs.kinds.drape_distance import DrapeDistanceInputs
 
-router = APIRouter(prefix="/v1/drape-distances", tags=["drape distance"])
+router = APIRouter(prefix="/v1/drape-distances", tags=["drape distance"], route_class=JsonRoute)
 
 
 @router.post(

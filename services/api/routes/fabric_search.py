@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session
 from services.api.auth import Caller, require
 from services.api.documented import accepted, problems
 from services.api.idempotency import IdempotencyKey
+from services.api.json_body import JsonRoute
 from services.api.problems import ProblemError
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
@@ -20,7 +21,7 @@ from services.api.views import JobView
 from services.db.fabrics import Fabric
 from services.jobs.kinds.fabric_search import FabricSearchInputs
 
-router = APIRouter(prefix="/v1/fabrics/search", tags=["fabrics"])
+router = APIRouter(prefix="/v1/fabrics/search", tags=["fabrics"], route_class=JsonRoute)
 
 
 @router.post(

@@ -26,6 +26,7 @@ from services.api.fabric_views import (
 )
 from services.api.forms import known_parameters_only
 from services.api.idempotency import Answer, IdempotencyKey, Once, fingerprint
+from services.api.json_body import JsonRoute
 from services.api.paging import Cursor, Limit, decode_cursor, encode_cursor
 from services.api.problems import ProblemError
 from services.api.scopes import ApiScope
@@ -35,7 +36,7 @@ from services.db.engine import in_turn
 from services.db.fabrics import Fabric
 from services.patterns import NO_NUL, PRINTABLE
 
-router = APIRouter(prefix="/v1/fabrics", tags=["fabrics"])
+router = APIRouter(prefix="/v1/fabrics", tags=["fabrics"], route_class=JsonRoute)
 FABRICS_LOCK = 0x66616272
 """Under which fabrics are added one after the other (the letters 'fabr')."""
 MOST_TAGS = 4000
