@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import os
-import socket
 import urllib.error
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from renderer.connect_timeout import connect_timeout
 from renderer.torchvision_import import WEIGHTS_VARIABLE
 from simcore.errors import MissingResourceError
 
 if TYPE_CHECKING:
     import torch
 
-_CONNECT_TIMEOUT_S = 15.0
 INSTEAD = "or choose the back end depth (--backend depth; in a study --backends depth), which needs no weights"
 """What to do otherwise, in commands that compare drapes; a diagnosis goes on without."""
 
@@ -120,7 +118,7 @@ def _download(net: str, folder: str | None) -> Path:
     url = f"https://download.pytorch.org/models/{name}"
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with _connect_timeout(_CONNECT_TIMEOUT_S):
+        with connect_timeout():
             torch.hub.download_url_to_file(url, str(target), hash_prefix=ACCEPTED[net][0].sha256, progress=False)
     except (urllib.error.URLError, OSError, RuntimeError) as error:
         places = f"not in {folder} ({WEIGHTS_VARIABLE}), " if folder else f"{WEIGHTS_VARIABLE} is not set, "
@@ -131,13 +129,3 @@ def _download(net: str, folder: str | None) -> Path:
             code="weights_missing",
         ) from None
     return target
-
-
-@contextmanager
-def _connect_timeout(seconds: float) -> Iterator[None]:
-    before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(seconds)
-    try:
-        yield
-    finally:
-        socket.setdefaulttimeout(before)

@@ -110,7 +110,8 @@ class TrainConfig:
         fusion_training: ``single`` - every picture alone, as the paper; ``subsets`` - each scene alone and both fused,
             from the same two passes through the trunk (ours).
         inclinations: ``upright`` - only the pictures that are not tilted; ``registered`` - the tilted ones too, heights
-            over the tilted panel, as registration leaves them; ``as_seen`` - the tilted ones with their slope (paper).
+            over the tilted panel, in the tilted view's perspective; ``as_seen`` - the tilted ones with their slope
+            (paper).
         mirror: share of the hanging pictures shown in the mirror; the scene is symmetric (ours).
         pretrained: start the trunk from ImageNet weights (see ``trainer.pretrained``).
         train_share, calibration_share: shares of the materials to learn from and to calibrate the intervals on; the

@@ -85,10 +85,8 @@ def extract_pairs(
     columns: list[PairFeatures] = []
     for number, batch in enumerate(batches(stream, batch_pairs)):
         flat = augmenter(batch.pictures[batch.present], seed + number)
-        found = network.extract(network_images(flat, config))
-        place, shape = (batch.present,), batch.present.shape
-        maximum, mean = (f.new_zeros((*shape, f.shape[1])).index_put(place, f) for f in found)
-        statistics = np.zeros((*shape, 9))
+        maximum, mean = network.extract_by_scene(network_images(flat, config), batch.present)
+        statistics = np.zeros((*batch.present.shape, 9))
         statistics[batch.present.numpy()] = picture_statistics(flat)
         columns.append(
             PairFeatures(maximum, mean, statistics, batch.present, batch.parameters.numpy(), batch.material.numpy())

@@ -18,7 +18,9 @@ OUTPUTS = 6
 
 
 class Features(NamedTuple):
-    """Features of single pictures: ``maximum`` and ``mean``, float32, shape [pictures, channels]."""
+    """``maximum`` and ``mean``, float32, of single pictures, shape [pictures, channels], or by scene, shape
+    [samples, scenes, channels].
+    """
 
     maximum: Tensor
     mean: Tensor
@@ -90,6 +92,17 @@ class DrapeNetwork(nn.Module):
         """
         return self.pool(self.feature_map(images))
 
+    def extract_by_scene(self, images: Tensor, present: Tensor) -> Features:
+        """Features in the place of each picture, float32, shape [samples, scenes, channels]; zero where there is none.
+
+        Args:
+            images: as for :meth:`extract`, of the pictures that are there alone, in the order of ``present``.
+            present: bool, shape [samples, scenes].
+        """
+        found = self.extract(images)
+        shape = (*present.shape, self.feature_channels)
+        return Features(*(f.new_zeros(shape).index_put((present,), f) for f in found))
+
     def regress(self, fused: Tensor, density: Tensor) -> Prediction:
         """The parameter regressor.
 
@@ -102,21 +115,3 @@ class DrapeNetwork(nn.Module):
         scalar = density[:, None] if self.config.use_density else torch.zeros_like(density[:, None])
         joined = torch.cat([fused, scalar], dim=1)
         return Prediction(self.regressor(joined), self.spread(joined.detach()).clamp(-4.0, 2.0))
-
-    def forward(self, images: Tensor, present: Tensor, density: Tensor) -> Prediction:
-        """Predict from any subset of scenes.
-
-        Args:
-            images: float32, shape [samples, scenes, channels, size, size].
-            present: bool, shape [samples, scenes].
-            density: standardised log-density, float32, shape [samples].
-        """
-        return self.regress(fuse(self.extract_by_scene(images, present), present), density)
-
-    def extract_by_scene(self, images: Tensor, present: Tensor) -> Features:
-        """Features of the pictures that are there, each float32, shape [samples, scenes, channels]; zero elsewhere."""
-        found = self.extract(images[present])
-        shape = (*present.shape, self.feature_channels)
-        maximum = found.maximum.new_zeros(shape).index_put((present,), found.maximum)
-        mean = found.mean.new_zeros(shape).index_put((present,), found.mean)
-        return Features(maximum, mean)

@@ -12,6 +12,7 @@ from urllib.error import URLError
 import torch
 from torch import Tensor
 
+from renderer.connect_timeout import connect_timeout
 from renderer.torchvision_import import WEIGHTS_VARIABLE, import_torchvision
 from simcore.errors import InputError, MissingResourceError
 from trainer.trunk import ResNet18Trunk
@@ -80,7 +81,8 @@ def _find_weights() -> tuple[dict[str, Tensor], BaseWeights]:
                 return _read(path), BaseWeights(path.name, hashlib.sha256(path.read_bytes()).hexdigest())
     weights = import_torchvision().models.ResNet18_Weights.IMAGENET1K_V1
     try:
-        state = weights.get_state_dict(progress=False, check_hash=True)
+        with connect_timeout():
+            state = weights.get_state_dict(progress=False, check_hash=True)
     except (URLError, OSError, RuntimeError) as error:
         where = f"the folder {folder} ({WEIGHTS_VARIABLE}) has none" if folder else f"{WEIGHTS_VARIABLE} is not set"
         raise MissingResourceError(

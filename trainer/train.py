@@ -291,7 +291,7 @@ def fit(
         for step, batch in zip(range(done, steps), pairs, strict=False):
             seed = _seed(config.seed, _AUGMENT_STREAM, partition.rank, step)
             flat = augment(mirror_hanging(batch.pictures, config.mirror, seed)[batch.present], seed)
-            features = pooled_by_scene(network, network_images(flat, config.network), batch.present)
+            features = network.extract_by_scene(network_images(flat, config.network), batch.present)
             error, spread_loss = losses(network, features, batch, scaling, SUBSETS[config.fusion_training])
             optimiser.zero_grad(set_to_none=True)
             (error + SPREAD_LOSS_WEIGHT * spread_loss).backward()  # type: ignore[no-untyped-call]  # torch's own stub
@@ -321,13 +321,6 @@ def mirror_hanging(pictures: Tensor, share: float, seed: int) -> Tensor:
     chosen = torch.from_numpy(drawn)[:, None, None, None]
     hanging = torch.where(chosen, pictures[:, _HANGING].flip(-1), pictures[:, _HANGING])
     return torch.stack([hanging if s == _HANGING else pictures[:, s] for s in range(pictures.shape[1])], dim=1)
-
-
-def pooled_by_scene(network: DrapeNetwork, images: Tensor, present: Tensor) -> Features:
-    """Features, [pairs, scenes, channels], of the images [pictures, ...] that are ``present`` [pairs, scenes]."""
-    found = network.extract(images)
-    shape = (*present.shape, network.feature_channels)
-    return Features(*(f.new_zeros(shape).index_put((present,), f) for f in found))
 
 
 def losses(

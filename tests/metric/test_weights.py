@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import urllib.error
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from metric.lpips_backend import LpipsBackend
 from metric.weights import load_backbone
+from renderer.connect_timeout import CONNECT_TIMEOUT_S
 from simcore.errors import InputError, MissingResourceError
 
 
@@ -22,6 +24,23 @@ def offline(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "torch"))
     monkeypatch.setattr(torch.hub, "download_url_to_file", no_internet)
+
+
+def test_a_download_does_not_wait_for_ever(offline: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    import torch
+
+    monkeypatch.delenv("DRAPEMETER_WEIGHTS", raising=False)
+    patience: list[float | None] = []
+
+    def silent(*_: object, **__: object) -> None:
+        patience.append(socket.getdefaulttimeout())
+        raise TimeoutError("timed out")
+
+    monkeypatch.setattr(torch.hub, "download_url_to_file", silent)
+    with pytest.raises(MissingResourceError, match="timed out") as caught:
+        load_backbone("squeeze")
+    assert caught.value.code == "weights_missing"
+    assert patience == [CONNECT_TIMEOUT_S] and socket.getdefaulttimeout() is None
 
 
 def test_local_folder_is_used_without_a_download(

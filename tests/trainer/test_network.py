@@ -7,7 +7,7 @@ import torch
 
 from renderer.torchvision_import import import_torchvision
 from trainer.config import NetworkConfig
-from trainer.network import DrapeNetwork, Features, fuse
+from trainer.network import DrapeNetwork, Features, Prediction, fuse
 from trainer.trunk import ResNet18Trunk, SelfAttention
 
 SMALL = NetworkConfig(input_size=64, trunk_width=0.125, hidden=(16,), dropout=0.0)
@@ -17,6 +17,11 @@ SMALL = NetworkConfig(input_size=64, trunk_width=0.125, hidden=(16,), dropout=0.
 def network() -> DrapeNetwork:
     torch.manual_seed(0)
     return DrapeNetwork(SMALL).eval()
+
+
+def predict(network: DrapeNetwork, images: torch.Tensor, present: torch.Tensor, density: torch.Tensor) -> Prediction:
+    """As training does, of pictures [pictures, channels, size, size] that are ``present`` [samples, scenes]."""
+    return network.regress(fuse(network.extract_by_scene(images, present), present), density)
 
 
 def test_trunk_is_torchvisions_resnet18_but_for_its_input() -> None:
@@ -65,13 +70,21 @@ def test_fusion_ignores_what_is_absent() -> None:
     assert torch.equal(fused[1], torch.cat([maximum[1, 1], mean[1, 1]]))
 
 
-def test_forward_on_one_scene_equals_the_single_picture(network: DrapeNetwork) -> None:
-    images, density = torch.randn(2, 2, 1, 64, 64), torch.tensor([0.3, -1.0])
-    one = network(images, torch.tensor([[True, False], [False, True]]), density)
-    for row, scene in enumerate((0, 1)):
-        single = network(
-            images[row : row + 1, scene : scene + 1], torch.ones(1, 1, dtype=torch.bool), density[row : row + 1]
-        )
+def test_features_lie_where_their_pictures_are(network: DrapeNetwork) -> None:
+    images = torch.randn(3, 1, 64, 64)
+    present = torch.tensor([[True, True], [False, False], [False, True]])
+    for alone, placed in zip(network.extract(images), network.extract_by_scene(images, present), strict=True):
+        assert placed.shape == (3, 2, network.feature_channels)
+        assert torch.equal(placed[present], alone)
+        assert not placed[~present].any()
+
+
+def test_one_scene_of_two_equals_the_single_picture(network: DrapeNetwork) -> None:
+    images, density = torch.randn(2, 1, 64, 64), torch.tensor([0.3, -1.0])
+    one = predict(network, images, torch.tensor([[True, False], [False, True]]), density)
+    for row in (0, 1):
+        here = slice(row, row + 1)
+        single = predict(network, images[here], torch.ones(1, 1, dtype=torch.bool), density[here])
         assert torch.allclose(one.mean[row], single.mean[0], atol=1e-5)
         assert torch.allclose(one.log_spread[row], single.log_spread[0], atol=1e-5)
 
@@ -79,13 +92,12 @@ def test_forward_on_one_scene_equals_the_single_picture(network: DrapeNetwork) -
 def test_order_of_scenes_does_not_matter(network: DrapeNetwork) -> None:
     images, density = torch.randn(2, 2, 1, 64, 64), torch.zeros(2)
     present = torch.ones(2, 2, dtype=torch.bool)
-    assert torch.allclose(
-        network(images, present, density).mean, network(images.flip(1), present, density).mean, atol=1e-5
-    )
+    found, turned = (predict(network, shown.flatten(0, 1), present, density) for shown in (images, images.flip(1)))
+    assert torch.allclose(found.mean, turned.mean, atol=1e-5)
 
 
 def test_spread_does_not_teach_the_features(network: DrapeNetwork) -> None:
-    prediction = network(torch.randn(2, 1, 1, 64, 64), torch.ones(2, 1, dtype=torch.bool), torch.zeros(2))
+    prediction = predict(network, torch.randn(2, 1, 64, 64), torch.ones(2, 1, dtype=torch.bool), torch.zeros(2))
     prediction.log_spread.sum().backward()
     assert network.trunk.conv1.weight.grad is None
     assert all(p.grad is not None for p in network.spread.parameters())

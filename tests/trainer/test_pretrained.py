@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 from typing import Any
 from urllib.error import URLError
@@ -8,9 +9,10 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
+from renderer.connect_timeout import CONNECT_TIMEOUT_S
 from renderer.torchvision_import import WEIGHTS_VARIABLE, import_torchvision
 from simcore.errors import InputError, MissingResourceError
-from trainer.pretrained import load_pretrained_trunk
+from trainer.pretrained import find_pretrained, load_pretrained_trunk
 from trainer.trunk import ResNet18Trunk
 
 
@@ -53,6 +55,21 @@ def test_without_weights_the_error_names_the_ways_out(tmp_path: Path, monkeypatc
     with pytest.raises(MissingResourceError, match="train from scratch") as caught:
         load_pretrained_trunk(ResNet18Trunk(1))
     assert caught.value.code == "weights_missing" and str(tmp_path) in str(caught.value)
+
+
+def test_a_download_does_not_wait_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    patience: list[float | None] = []
+
+    def silent(*_: Any, **__: Any) -> None:
+        patience.append(socket.getdefaulttimeout())
+        raise TimeoutError("timed out")
+
+    monkeypatch.setenv(WEIGHTS_VARIABLE, str(tmp_path))
+    monkeypatch.setattr("torchvision.models._api.load_state_dict_from_url", silent)
+    with pytest.raises(MissingResourceError, match="timed out") as caught:
+        find_pretrained()
+    assert caught.value.code == "weights_missing"
+    assert patience == [CONNECT_TIMEOUT_S] and socket.getdefaulttimeout() is None
 
 
 def test_shared_weights_fit(shared_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import torch
 from trainer.ablation import as_long, input_influence, ladder, table
 from trainer.config import NetworkConfig
 from trainer.model import TrainedModel
-from trainer.network import DrapeNetwork
+from trainer.network import DrapeNetwork, fuse
 from trainer.presets import PRESETS
 from trainer.saliency import aggregate, enlarge, save_figure, xgradcam
 from trainer.trunk import ResNet18Trunk, SelfAttention
@@ -62,7 +62,8 @@ def test_xgradcam_with_attention_is_of_activations_that_have_no_sign() -> None:
     attended = network.feature_map(images)
     assert (attended < 0).any() and (attended > 0).any()  # else this shows nothing
     hook = network.trunk.register_forward_hook(lambda module, given, found: kept.append(found))
-    answer = network(images[:, None], torch.ones((2, 1), dtype=torch.bool), density).mean[:, 1].sum()
+    present = torch.ones((2, 1), dtype=torch.bool)
+    answer = network.regress(fuse(network.extract_by_scene(images, present), present), density).mean[:, 1].sum()
     hook.remove()
     (gradient,) = torch.autograd.grad(answer, kept)
     activation = kept[0].detach()
