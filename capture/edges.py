@@ -20,7 +20,9 @@ from renderer.camera import Camera
 from simcore.errors import InputError
 from simcore.scenes import Setup
 
-_CELL_M = 0.002
+_CELL_M, _CELL_SHARE = 0.002, 0.004
+"""Edge of a cell of the height map at least [m], and as a share of the sample's size: no map is larger than 0.5 m's."""
+
 _CLIP_M = 0.0005
 """Heights count up to this much, so that a wrinkle weighs no more than cloth that lies flat [m]."""
 
@@ -66,14 +68,15 @@ def align_edges(
     """
     from scipy.optimize import minimize
 
-    heights = _height_map(depth, camera, plane, frame, middle, 1.5 * max(setup.sample_size_m))
+    size_m = max(setup.sample_size_m)
+    heights = _height_map(depth, camera, plane, frame, middle, size_m)
     edges = _edges(setup)
     scale = np.array([0.01, 0.01, np.radians(1.0)])
 
     def cost(scaled: NDArray[np.float64]) -> float:
-        return -_step(heights, scaled * scale, edges)
+        return -_step(heights, scaled * scale, edges, _cell_m(size_m))
 
-    search = _SEARCH_SHARE * max(setup.sample_size_m)
+    search = _SEARCH_SHARE * size_m
     shifts, turns = np.linspace(-search, search, 11), np.arange(-_SEARCH_RAD, _SEARCH_RAD + 1e-9, 0.0175)
     trials = np.stack(np.meshgrid(shifts, shifts, turns, indexing="ij"), axis=-1).reshape(-1, 3) / scale
     first = trials[int(np.argmin([cost(trial) for trial in trials]))]
@@ -96,17 +99,23 @@ def align_edges(
     return pose
 
 
+def _cell_m(size_m: float) -> float:
+    """Edge of a cell of the height map of a sample whose longer edge is ``size_m`` [m]."""
+    return max(_CELL_M, _CELL_SHARE * size_m)
+
+
 def _height_map(
     depth: Depth,
     camera: Camera,
     plane: Plane,
     frame: NDArray[np.float64],
     middle: NDArray[np.float64],
-    half_m: float,
+    size_m: float,
 ) -> NDArray[np.float64]:
-    """Clipped height over the panel on a square grid of cells of :data:`_CELL_M` around ``middle``."""
-    cells = round(half_m / _CELL_M)
-    x, y = np.meshgrid(np.arange(-cells, cells + 1) * _CELL_M, np.arange(-cells, cells + 1) * _CELL_M)
+    """Clipped height over the panel on a square grid of :func:`_cell_m` around ``middle``, 1.5 sizes to each side."""
+    cell_m = _cell_m(size_m)
+    cells = round(1.5 * size_m / cell_m)
+    x, y = np.meshgrid(np.arange(-cells, cells + 1) * cell_m, np.arange(-cells, cells + 1) * cell_m)
     pixels = camera.project(middle + x[..., None] * frame[0] + y[..., None] * frame[1])
     height = np.nan_to_num(plane.height(camera.back_project(fill_small_holes(depth, camera))), nan=0.0)
     # Clipped before it is smoothed, so that a high step does not spread.
@@ -128,7 +137,7 @@ def _edges(setup: Setup) -> list[_Edge]:
     return edges
 
 
-def _step(heights: NDArray[np.float64], motion: NDArray[np.float64], edges: list[_Edge]) -> float:
+def _step(heights: NDArray[np.float64], motion: NDArray[np.float64], edges: list[_Edge], cell_m: float) -> float:
     """Mean step over the edges [m], the outline moved by ``motion`` (x, y [m], turn [rad])."""
     right, up, turn = motion
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
@@ -136,7 +145,7 @@ def _step(heights: NDArray[np.float64], motion: NDArray[np.float64], edges: list
     for edge in edges:
         for side in (1.0, -1.0):
             points = np.concatenate([edge.points + side * offset * edge.inward for offset in _OFFSETS_M])
-            cells = (points @ rotation.T + (right, up)) / _CELL_M + heights.shape[0] // 2
+            cells = (points @ rotation.T + (right, up)) / cell_m + heights.shape[0] // 2
             values = ndimage.map_coordinates(heights, [cells[:, 1], cells[:, 0]], order=1)
             total += side * edge.weight * float(values.mean())
     return total

@@ -102,7 +102,7 @@ class DescriptorStore:
     _held: int = 0
 
     def load(self, key: str) -> FabricDescriptor | None:
-        """A kept descriptor, or None."""
+        """A kept descriptor, or None; an unreadable file counts as absent."""
         if key in self._memory:
             self._memory.move_to_end(key)
             return self._memory[key]
@@ -116,7 +116,7 @@ class DescriptorStore:
                     {Scene(n.split("-")[1]): data[n] for n in data.files if n.startswith("sketches-")},
                     {Scene(n.split("-")[1]): data[n] for n in data.files if n.startswith("picture-")},
                 )
-        except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
+        except (OSError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
             return None
         self._hold(key, found)
         return found

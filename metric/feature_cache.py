@@ -71,7 +71,7 @@ class FeatureCache:
         try:
             value = np.load(path, allow_pickle=False)
             mark_used(path)
-        except (FileNotFoundError, ValueError, EOFError):
+        except (OSError, ValueError, EOFError):  # unreadable counts as absent
             return None
         self._keep(key, value)
         return value

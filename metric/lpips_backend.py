@@ -75,29 +75,13 @@ class LpipsBackend:
 
     def features(self, renders: Sequence[DrapeRender]) -> list[NDArray[np.float16]]:
         """Scaled features of each render, float16, shape [D]."""
+        import torch
+
         check_same_size([r.need_shaded().shape for r in renders])
         if not renders:
             return []
-        return self._features(np.stack([lpips_range(r.need_shaded()) for r in renders]), range_known=True)
-
-    def features_of(self, images: NDArray[np.float32]) -> list[NDArray[np.float16]]:
-        """Scaled features of images from elsewhere; what LPIPS itself would measure wrongly is refused.
-
-        Args:
-            images: float32, shape [N, 3, H, W], from -1 (black) to 1 (white).
-
-        Returns:
-            float16, shape [D] each.
-
-        Raises:
-            InputError: other shape or range, constant, or not finite.
-        """
-        return self._features(images)
-
-    def _features(self, images: NDArray[np.float32], *, range_known: bool = False) -> list[NDArray[np.float16]]:
-        import torch
-
-        check_lpips_images(images, range_known=range_known)
+        images = np.stack([lpips_range(r.need_shaded()) for r in renders])
+        check_lpips_images(images, range_known=True)
         found: list[NDArray[np.float16]] = []
         with torch.inference_mode():
             for start in range(0, len(images), _BATCH):

@@ -39,7 +39,7 @@ class RenderCache:
     most_bytes: int = 10 * 2**30
 
     def load(self, request: DrapeRequest) -> RequestResult | None:
-        """What an earlier run of the same request came to, or None.
+        """What an earlier run of the same request came to, or None; an unreadable file counts as absent.
 
         A result that is not :attr:`~metric.draping.RequestResult.settled` has the failures of fewer attempts than are
         asked for now: the others are still to be made.
@@ -50,7 +50,7 @@ class RenderCache:
                 # with no more attempts than failed it would not have come to rest
                 render = _read_render(data) if "shaded" in data and len(failures) < request.attempts else None
                 mark_used(self._path(request))
-        except (FileNotFoundError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
+        except (OSError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, ValueError):
             return None
         if render is None and not _lasting(failures):
             return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import struct
 from pathlib import Path
 
@@ -36,7 +37,7 @@ def quantise_depth(depth: ArrayLike, depth_unit_m: float) -> NDArray[np.uint16]:
     if counts.max(initial=0.0) > MAX_COUNT:
         raise InputError(
             f"depth of {highest:.4g} m does not fit 16 bits in units of {depth_unit_m:g} m (up to "
-            f"{MAX_COUNT * depth_unit_m:.4g} m): use a depth_unit_m of at least {highest / MAX_COUNT:.2g}",
+            f"{MAX_COUNT * depth_unit_m:.4g} m): use a depth_unit_m of at least {_rounded_up(highest / MAX_COUNT)}",
             code="depth_overflow",
         )
     if np.any((counts == 0.0) & (metres > 0.0)):
@@ -45,6 +46,12 @@ def quantise_depth(depth: ArrayLike, depth_unit_m: float) -> NDArray[np.uint16]:
             code="depth_unit",
         )
     return counts.astype(np.uint16)
+
+
+def _rounded_up(value: float) -> str:
+    """A positive number in two digits, none of it cut off."""
+    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return f"{math.ceil(value / digit) * digit:.2g}"
 
 
 def dequantise_depth(counts: ArrayLike, depth_unit_m: float) -> NDArray[np.float32]:

@@ -176,7 +176,7 @@ def simulate(
     """
     import numpy as np
 
-    from metric.observers import simulate_answer
+    from metric.observers import observer_stream, simulate_answers
     from metric.triplets import Triplet
 
     with open_study(database, study) as store:
@@ -184,9 +184,9 @@ def simulate(
         distances = np.linalg.norm(points[:, None] - points[None, :], axis=2)
         for _ in range(observers):
             participant = store.add_participant(simulated=True)
-            rng = np.random.default_rng((seed, 1, participant.place))
-            for position, row in enumerate(participant.questions):
-                chosen = simulate_answer(Triplet(*row[:3]), distances, rng, noise=noise)
+            questions = [Triplet(*row[:3]) for row in participant.questions]
+            rng = observer_stream(seed, participant.place)
+            for position, chosen in enumerate(simulate_answers(questions, distances, rng, noise=noise)):
                 store.answer(participant, position, chosen, 0)
     if json_output:
         console.emit_json({"study": study, "simulated_observers": observers, "points": points})

@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
+from capture.edges import _height_map
+from capture.plane import Plane
 from capture.prepare import prepare_all
 from capture.register import Registration, register, rigid_fit
 from capture.segment import segment_cloth
@@ -100,6 +102,24 @@ def test_a_stretched_sample_is_found_by_its_edges(stretched: Sheet) -> None:
     assert found.method == "panel_and_edges"
     assert found.pin_error_m is None
     assert np.linalg.norm(shift) < 0.015
+    assert angle < 1.0
+
+
+def test_the_height_map_of_a_large_sample_is_no_larger() -> None:
+    """At 0.5 m a cell is 2 mm wide; what a sample of 5 m takes would else be a hundred times as much."""
+    plane = Plane(np.array([0.0, 0.0, -1.0]), -0.95, 0.001, 1.0)
+    depth = np.full((CAMERA.height, CAMERA.width), 0.95, np.float32)
+    for size_m, cells in ((0.3, 225), (0.5, 375), (1.0, 375), (5.0, 375)):
+        heights = _height_map(depth, CAMERA, plane, np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 0.95]), size_m)
+        assert heights.shape == (2 * cells + 1, 2 * cells + 1)
+
+
+@pytest.mark.parametrize("size_m", [0.3, 5.0])
+def test_a_sample_of_another_size_is_found_as_well(size_m: float) -> None:
+    sheet, scale = make_sheet(Scene.STRETCH, size_m), size_m / 0.5
+    pose = turned_pose((1.0, 4.0, 1.5), 0.95 * scale, (0.0, -0.5 * size_m, 0.0))
+    shift, angle = difference(find(sheet, pose, sheet.setup, panel=True, noise_m=0.0005).camera_from_panel, pose)
+    assert np.linalg.norm(shift) < 0.015 * scale
     assert angle < 1.0
 
 

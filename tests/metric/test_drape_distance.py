@@ -14,7 +14,7 @@ from metric.backends import BACKEND_NAMES, Channel, get_backend
 from metric.depth_rmse import DepthRmse
 from metric.drape_distance import drape_distance
 from metric.euclidean import squared_distance_table
-from metric.feature_cache import FeatureCache
+from metric.feature_cache import FeatureCache, feature_key
 from metric.render import DrapeRender
 from simcore.errors import InputError
 from simcore.scenes import Scene
@@ -93,6 +93,17 @@ def test_a_damaged_cache_file_is_computed_again(make_render: MakeRender, tmp_pat
     again = CountingBackend()
     FeatureCache(tmp_path).features(again, [make_render()])
     assert again.passes == 1
+
+
+def test_a_cache_file_that_cannot_be_read_counts_as_absent(
+    make_render: MakeRender, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of another user, on a disk that fails, or with a folder in its place."""
+    first = CountingBackend()
+    (tmp_path / f"{feature_key(first, make_render())}.npy").mkdir()
+    monkeypatch.setattr(FeatureCache, "_write", lambda *_: None)  # what is in the way stays there
+    FeatureCache(tmp_path).features(first, [make_render()])
+    assert first.passes == 1
 
 
 def test_features_of_heights_are_kept_apart_by_where_the_panel_is() -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from metric.backends import distance
-from metric.lpips_backend import LpipsBackend, lpips_range
+from metric.lpips_backend import LpipsBackend, check_lpips_images, lpips_range
 from metric.render import DrapeRender
 from simcore.errors import InputError
 
@@ -29,9 +30,15 @@ def package_forward(backend: LpipsBackend, a: np.ndarray, b: np.ndarray) -> np.n
         return backend.model(torch.from_numpy(a), torch.from_numpy(b)).numpy().ravel()
 
 
+def coloured(pictures: np.ndarray) -> list[DrapeRender]:
+    """Pictures of random pixels, uint8 [N, H, W, 3], where shaded ones are asked for."""
+    return [cast(DrapeRender, SimpleNamespace(need_shaded=lambda picture=picture: picture)) for picture in pictures]
+
+
 def test_equals_the_package_on_random_pairs(backend: LpipsBackend) -> None:
-    images = np.random.default_rng(1).uniform(-1, 1, (6, 3, 96, 80)).astype(np.float32)
-    features = backend.features_of(images)
+    pictures = np.random.default_rng(1).integers(0, 256, (6, 96, 80, 3), dtype=np.uint8)
+    images = np.stack([lpips_range(picture) for picture in pictures])
+    features = backend.features(coloured(pictures))
     table = backend.table(features[:3], features[3:])
     expected = np.array(
         [[package_forward(backend, images[i : i + 1], images[j : j + 1])[0] for j in (3, 4, 5)] for i in range(3)]
@@ -51,13 +58,12 @@ def test_equals_the_package_on_rendered_pairs(backend: LpipsBackend, make_render
 
 
 def test_published_doctest_values(backend: LpipsBackend) -> None:
-    """torchmetrics' documentation: seed 123, ten pairs of uniform pictures, net squeeze."""
+    """torchmetrics' documentation: seed 123, ten pairs of uniform pictures, net squeeze; here of 256 levels."""
     import torch
 
     torch.manual_seed(123)
-    first = (torch.rand(10, 3, 100, 100) * 2 - 1).numpy()
-    second = (torch.rand(10, 3, 100, 100) * 2 - 1).numpy()
-    features = backend.features_of(np.concatenate([first, second]))
+    drawn = torch.cat([torch.rand(10, 3, 100, 100), torch.rand(10, 3, 100, 100)])
+    features = backend.features(coloured((255.0 * drawn).round().byte().permute(0, 2, 3, 1).numpy()))
     assert np.diag(backend.table(features[:10], features[10:])).mean() == pytest.approx(0.1008, abs=1e-4)
 
 
@@ -78,15 +84,15 @@ def test_same_picture_is_at_distance_zero(backend: LpipsBackend, make_render: Ca
         (np.random.default_rng(0).uniform(-1, 1, (1, 3, 40, 96)).astype(np.float32), "image_size"),
     ],
 )
-def test_refuses_unusable_images(backend: LpipsBackend, images: np.ndarray, code: str) -> None:
+def test_refuses_unusable_images(images: np.ndarray, code: str) -> None:
     with pytest.raises(InputError) as caught:
-        backend.features_of(images)
+        check_lpips_images(images)
     assert caught.value.code == code
 
 
 def test_a_bright_photograph_is_no_picture_from_zero_to_one(backend: LpipsBackend) -> None:
-    bright = np.random.default_rng(0).integers(128, 256, (96, 96, 3), dtype=np.uint8)
-    (features,) = backend.features([SimpleNamespace(need_shaded=lambda: bright)])  # type: ignore[list-item]
+    bright = np.random.default_rng(0).integers(128, 256, (1, 96, 96, 3), dtype=np.uint8)
+    (features,) = backend.features(coloured(bright))
     assert np.isfinite(features).all()
 
 
@@ -111,8 +117,9 @@ def test_other_trunks_equal_the_package(net: str, monkeypatch: pytest.MonkeyPatc
     trunk = (models.alexnet if net == "alex" else models.vgg16)(weights=None).features
     monkeypatch.setattr("metric.lpips_backend.load_backbone", lambda _: (trunk.state_dict(), "0" * 64))
     backend = LpipsBackend(net)
-    images = np.random.default_rng(2).uniform(-1, 1, (3, 3, 80, 96)).astype(np.float32)
-    features = backend.features_of(images)
+    pictures = np.random.default_rng(2).integers(0, 256, (3, 80, 96, 3), dtype=np.uint8)
+    images = np.stack([lpips_range(picture) for picture in pictures])
+    features = backend.features(coloured(pictures))
     table = backend.table(features[:1], features[1:])
     expected = [package_forward(backend, images[:1], images[[k]])[0] for k in (1, 2)]
     assert np.abs(table[0] - expected).max() < 1e-5

@@ -208,6 +208,9 @@ def test_a_folder_spares_memory_and_damage_counts_as_absent(tmp_path: Path) -> N
     for damaged in (content[:middle], content[:middle] + bytes(50) + content[middle + 50 :]):
         kept.write_bytes(damaged)
         assert DescriptorStore(tmp_path).load("b") is None
+    kept.unlink()
+    kept.mkdir()  # as a file that this user may not read
+    assert DescriptorStore(tmp_path).load("b") is None
     alone = DescriptorStore(most=2)
     for key in "abc":
         alone.save(key, described)

@@ -151,6 +151,9 @@ def test_the_cache_keeps_apart_what_differs(tmp_path: Path, monkeypatch: pytest.
     assert cache.load(request) is not None
     for path in tmp_path.glob("*.npz"):
         path.write_bytes(path.read_bytes()[:200])
+        assert cache.load(request) is None
+        path.unlink()
+        path.mkdir()  # as a file that this user may not read
     assert cache.load(request) is None
 
 

@@ -11,7 +11,7 @@ from scipy.spatial import procrustes
 from scipy.stats import spearmanr
 
 from metric.agreement import agreement, metric_agreement, rank_correlations
-from metric.observers import simulate_observers
+from metric.observers import observer_stream, simulate_answers
 from metric.triplets import Answer, Triplet, draw_triplets, shared_triplets
 from metric.tste import _loss, answer_array, embed
 from simcore.errors import InputError
@@ -23,6 +23,20 @@ def known_points(seed: int = 0, count: int = 10) -> np.ndarray:
 
 def distances(points: np.ndarray) -> np.ndarray:
     return np.linalg.norm(points[:, None] - points[None], axis=2)
+
+
+def simulate_observers(truth: np.ndarray, observers: int, *, seed: int = 0, noise: float = 0.3) -> list[Answer]:
+    """Answers to 20 questions by each of several observers of one set of distances [n, n]; 5 are put to all."""
+    fabrics, answers = len(truth), []
+    common = shared_triplets(fabrics, np.random.default_rng((seed, 0)), 5)
+    for observer in range(observers):
+        rng = observer_stream(seed, observer)
+        questions = draw_triplets(fabrics, rng, count=20, shared=common)
+        chosen = simulate_answers(questions, truth, rng, noise=noise)
+        answers += [
+            Answer(f"simulated-{observer}", *one, simulated=True) for one in zip(questions, chosen, strict=True)
+        ]
+    return answers
 
 
 @pytest.mark.parametrize(("fabrics", "count"), [(10, 20), (5, 12), (7, 40), (3, 3)])

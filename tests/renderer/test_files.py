@@ -108,6 +108,16 @@ def test_depth_that_does_not_fit_names_the_unit(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(("depth_m", "unit_m"), [(6.8, 1e-4), (65.9, 1e-3), (6.5536, 1e-4), (700.0, 1e-4)])
+def test_the_unit_that_is_advised_fits(depth_m: float, unit_m: float) -> None:
+    depth = np.full((2, 2), depth_m)
+    with pytest.raises(InputError) as error:
+        quantise_depth(depth, unit_m)
+    advised = float(str(error.value).rpartition(" ")[2])
+    assert unit_m < advised < 1.1 * depth_m / 65535
+    assert quantise_depth(depth, advised).max() > 59_000
+
+
 def test_damaged_and_foreign_pictures_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "d.png"
     write_depth_png(path, np.random.default_rng(0).uniform(0.5, 1.0, (64, 64)))

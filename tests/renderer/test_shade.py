@@ -6,6 +6,7 @@ import math
 import os
 import signal
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,15 +23,22 @@ from tests.renderer.surfaces import drape_like, height_field
 
 POSE = frontal_pose()
 ENGINES = ("raycast", "filament")
+DRIVER_FOLDERS = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
+
+
+def vulkan_drivers() -> bool:
+    """Whether a Vulkan driver is named, or one is installed where drivers are looked for."""
+    if os.environ.get("VK_DRIVER_FILES") or os.environ.get("VK_ICD_FILENAMES"):
+        return True
+    return any(path.suffix == ".json" for folder in DRIVER_FOLDERS if folder.is_dir() for path in folder.iterdir())
 
 
 @pytest.fixture(scope="module")
 def vulkan() -> None:
-    """Skips where there is no Vulkan device."""
-    try:
-        filament.filament_process().start(256, 256)
-    except MissingResourceError as error:
-        pytest.skip(str(error))
+    """Skips where no Vulkan driver is installed; where one is, a renderer that does not start fails the test."""
+    if not vulkan_drivers():
+        pytest.skip("no Vulkan driver here: scripts/system-packages.sh")
+    filament.filament_process().start(256, 256)
 
 
 def pictures(engine: str, supersample: int = 1) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:

@@ -103,6 +103,19 @@ def test_a_study_with_photographs_and_simulated_observers(folder: Path, capsys: 
     assert {r["reference"] for r in rows} == {f"fabric-{k}" for k in range(8)}
 
 
+def test_simulated_observers_of_a_seed_always_choose_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    photos = ["--photographs", str(folder / "photos"), "--triplets", "16"]
+    study = document(capsys, "study", "make", str(folder / "library.json"), *photos)["study"]
+    document(capsys, "study", "simulate", study, "--observers", "2")
+    document(capsys, "study", "simulate", study, "--observers", "1", "--noise", "0", "--seed", "3")
+    exported = folder / "answers.csv"
+    document(capsys, "study", "export", study, "--out", str(exported))
+    chosen = ["", "", ""]
+    for row in csv.DictReader(exported.open()):
+        chosen[int(row["participant"])] += row["chosen"].removeprefix("fabric-")
+    assert chosen == ["4164255701716451", "0010776567026644", "7640062670506426"]
+
+
 def other_parameters(folder: Path) -> Path:
     """The study's fabrics with the parameters of others."""
     path = folder / "estimated.json"
