@@ -128,6 +128,19 @@ def test_a_folder_of_frames_is_imported(hanging: Sheet, tmp_path: Path, capsys: 
     assert document(capsys)["fabrics"] == [{"id": "wool", "density": 0.3, "parameters_given": False}]
 
 
+def test_a_recording_brings_its_own_camera(tmp_path: Path, capsys: Captured) -> None:
+    """Before the driver is asked for: the recording need not be one."""
+    (tmp_path / "camera.json").write_text(json.dumps(camera_document()))
+    for name in ("still.bag", "still.db3"):
+        (tmp_path / name).touch()
+        said = ["--camera", str(tmp_path / "camera.json"), "--fabric", "a", "--scene", "hanging"]
+        assert run(["capture", "import", str(tmp_path / name), *said, "--out", str(tmp_path / "set"), "--json"]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == "" and captured.err.count("\n") == 1
+        assert f"{name} is a recording" in captured.err and captured.err.endswith("[camera_not_needed]\n")
+    assert not (tmp_path / "set").exists()
+
+
 def test_the_schema_is_one_document(capsys: Captured) -> None:
     assert run(["capture", "schema"]) == 0
     assert document(capsys)["title"] == "drape-capture-set/1"

@@ -7,7 +7,6 @@ import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -41,29 +40,9 @@ from diagnosis.synthesis import SynthesisPlan, real_fabric
 from simcore.errors import InputError, SimulationError
 from simcore.parameters import FabricParameters
 from simcore.prior import is_admissible
+from tests.diagnosis.blind_answers import CURL, DRAFT, HEM, MANIFEST, TILT, answer
 
 PLAN = BlindPlan(1, 3, fabrics=1, repeats=1, pool=1, resolution_m=0.02, scenes=("stretch",))
-
-
-def answer(kind: str, truth: list[dict[str, Any]], top: str, p: float, detected: bool = True) -> Answer:
-    named = [] if top in ("none", "unknown") else [{"name": top, "magnitude": 0.3, "interval_90": [0.2, 0.4]}]
-    report = {
-        "gap": {"detected": detected, "p_value": 0.01},
-        "cause": {"top": top, "probabilities": {top: p, "none": 1 - p}, "effects": named},
-        "shrinkage": {"fraction": 0.8, "control": {"fraction": 0.1}} if named else None,
-    }
-    label = {"kind": kind, "effects": truth, "wrong_parameter": None}
-    baselines = {
-        "names": dict.fromkeys(("nearest_template", "least_residual", "most_flexible"), "crease"),
-        "mmd_p": 0.5,
-    }
-    return Answer("case-001", label, report, baselines)
-
-
-CURL = {"name": "edge_curl", "stage": "fabric", "magnitude": 9.0, "unit": "1/m"}
-TILT = {"name": "panel_tilt", "stage": "setup", "magnitude": 5.0, "unit": "degree"}
-DRAFT = {"name": "air_draft", "stage": "environment", "magnitude": 0.33, "unit": "Pa"}
-HEM = {"name": "hem_weight", "stage": "fabric", "magnitude": 20.0, "unit": "g/m"}
 
 
 def test_answers_are_counted() -> None:
@@ -82,12 +61,8 @@ def test_answers_are_counted() -> None:
     assert (result.one_of_two.hits, result.both_of_two.hits) == (1, 0)
     assert result.magnitude_inside.hits == 1
     assert result.magnitude_error == pytest.approx(0.0909, abs=1e-3)
-    page = render_page({"cases": 6, "seed": 1, "scenes": ["stretch"], **_manifest()}, answers, result)
+    page = render_page(MANIFEST, answers, result)
     assert "| case-001 | named | air_draft | crease | 0.60 |" in page
-
-
-def _manifest() -> dict[str, Any]:
-    return {"fabrics": 4, "repeats": 2, "pool": 4, "resolution_m": 0.0125, "withhold": []}
 
 
 def test_a_pair_counts_with_all_that_it_has() -> None:
@@ -116,8 +91,7 @@ def test_what_hanging_alone_cannot_show_is_not_drawn() -> None:
     both, hanging = BlindPlan(24, 0), BlindPlan(24, 0, scenes=("hanging",))
     lost = {e.name for e in visible_effects(both)} - {e.name for e in visible_effects(hanging)}
     assert lost == {"corner_pull"}
-    manifest = {"cases": 24, "seed": 0, "scenes": ["hanging"], **_manifest()}
-    assert set(hidden_effects(manifest)) == {"corner_pull", "panel_friction"}
+    assert set(hidden_effects({**MANIFEST, "scenes": ["hanging"]})) == {"corner_pull", "panel_friction"}
 
 
 def test_the_page_tells_of_no_classifier_where_none_answered() -> None:

@@ -54,9 +54,11 @@ CAMERA = {
 SETUP = {"camera_from_panel": frontal_pose().tolist()}
 
 
-def ask(client: httpx.Client, *, headers: dict[str, str] | None = None, **files: bytes) -> httpx.Response:
+def ask(
+    client: httpx.Client, *, headers: dict[str, str] | None = None, density: str = "0.2", **files: bytes
+) -> httpx.Response:
     """An estimate from pictures by scene."""
-    data = {"density": "0.2", "camera": json.dumps(CAMERA), "setup": json.dumps(SETUP)}
+    data = {"density": density, "camera": json.dumps(CAMERA), "setup": json.dumps(SETUP)}
     parts = {scene: (f"{scene}.png", content, "image/png") for scene, content in files.items()}
     return client.post("/v1/estimates", data=data, files=parts, headers=headers)
 
@@ -84,6 +86,13 @@ def test_a_pose_that_is_found_by_edges_alone_is_noted(client: httpx.Client) -> N
     answer = client.post("/v1/estimates", data=data, files={"stretch": ("s.png", content)})
     assert answer.status_code == 200, answer.text
     assert answer.json()["notes"] == [f"capture stretch-0: {BY_EDGES_ALONE}"]
+
+
+def test_a_density_beyond_the_trained_ones_is_a_reason(client: httpx.Client) -> None:
+    usual, heavy = (ask(client, density=density, hanging=depth_png()).json() for density in ("0.2", "4.9"))
+    assert usual["out_of_distribution_reasons"] == []
+    (reason,) = heavy["out_of_distribution_reasons"]
+    assert reason.startswith("the density 4.9 kg/m² is beyond the ") and heavy["out_of_distribution"] is True
 
 
 def test_repeats_are_taken_together(client: httpx.Client) -> None:

@@ -9,13 +9,12 @@ from typing import Any
 
 import pytest
 
-from diagnosis.blind.make import BLIND_FORMAT, MANIFEST_FILE, MANIFEST_KEYS, plan_of
+from diagnosis.blind.make import MANIFEST_FILE, plan_of
 from diagnosis.extension import SimulatorExtension
 from services.cli import diagnose, main
 from services.cli.outputs import check_file, check_folder
 from simcore.errors import InputError
-from tests.capture.flat import add
-from tests.services.test_cli_simulate import FABRIC
+from tests.services.command_inputs import make_inputs
 
 WORK = (
     "simcore.solver.Solver",
@@ -45,16 +44,9 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("DRAPEMETER_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("DRAPEMETER_DATABASE", f"sqlite:///{tmp_path / 'd.db'}")
     (tmp_path / "file").write_text("in the way")
-    for name in ("in.md", "in.csv", "in.png", "check", "frames", "taken/report.json"):
+    for name in ("in.md", "in.csv", "in.png", "taken/report.json"):
         (tmp_path / name).mkdir(parents=True)
-    (tmp_path / "p.json").write_text(json.dumps(FABRIC))
-    (tmp_path / "library.json").write_text(json.dumps([{"id": "a", **FABRIC}]))
-    camera = {"width": 8, "height": 8, "fx": 8.0, "fy": 8.0, "cx": 3.5, "cy": 3.5, "depth_unit_m": 1e-4}
-    (tmp_path / "camera.json").write_text(json.dumps(camera))
-    (tmp_path / "frames" / "0.png").touch()
-    manifest = {"format": BLIND_FORMAT, **dict.fromkeys(MANIFEST_KEYS), "cases": 1, "withhold": []}
-    (tmp_path / "check" / MANIFEST_FILE).write_text(json.dumps(manifest))
-    add(tmp_path / "set", density=0.2)
+    make_inputs(tmp_path)
     for name in WORK:
         monkeypatch.setattr(name, work)
     return tmp_path

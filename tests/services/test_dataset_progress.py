@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from renderer.store import RowStatus, StoreWriter
+from renderer.store import RowStatus, Store, StoreWriter
 from services.dataset import sweep
 from services.dataset.cost import CostEstimate
 from services.dataset.drive import Drive
@@ -18,6 +18,7 @@ from services.dataset.metrics import SweepMetrics
 from services.dataset.worker import SimulationDone
 from services.jobs.kinds import dataset
 from services.jobs.task import Resources, Task
+from simcore.errors import StoreError
 from tests.services.dataset_helpers import small_sweep
 from tests.services.dataset_rows import rows_of
 
@@ -30,11 +31,21 @@ def word(simulation: int) -> SimulationDone:
     return SimulationDone(simulation, RowStatus.OK, 1, "here", 1, 1, False)
 
 
-def test_simulations_that_are_done_again_are_heard_of_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def without_ray(
+    monkeypatch: pytest.MonkeyPatch, run: Callable[[Drive, Callable[[SimulationDone], None]], None]
+) -> None:
+    """A sweep is run by this and on one core."""
+
     @contextmanager
     def cluster(*given: object, **named: object) -> Iterator[int]:
         yield 1
 
+    monkeypatch.setattr(sweep, "ray_cluster", cluster)
+    monkeypatch.setattr(sweep, "is_ray_client", lambda: False)
+    monkeypatch.setattr(Drive, "run", run)
+
+
+def test_simulations_that_are_done_again_are_heard_of_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def run(drive: Drive, listen: Callable[[SimulationDone], None]) -> None:
         for simulation in TOLD:
             listen(word(simulation))
@@ -42,12 +53,29 @@ def test_simulations_that_are_done_again_are_heard_of_once(tmp_path: Path, monke
         for shard in drive.shards:
             writer.write_shard(shard, rows_of(shard, drive.configuration, drive.fabrics))
 
-    monkeypatch.setattr(sweep, "ray_cluster", cluster)
-    monkeypatch.setattr(sweep, "is_ray_client", lambda: False)
-    monkeypatch.setattr(Drive, "run", run)
+    without_ray(monkeypatch, run)
     heard: list[int] = []
     sweep.run_sweep(tmp_path / "s.zarr", *small_sweep(materials=2), listen=lambda word: heard.append(word.simulation))
     assert heard == [0, 1, 3, 2]
+
+
+def test_shards_that_are_gone_at_the_end_are_told_of_and_done_by_the_next_sweep(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another sweep took them away behind this one's back."""
+    store, asked = tmp_path / "s.zarr", small_sweep(materials=2)
+
+    def run(drive: Drive, listen: Callable[[SimulationDone], None]) -> None:
+        writer = StoreWriter.open(drive.url)
+        for shard in drive.shards[:1]:
+            writer.write_shard(shard, rows_of(shard, drive.configuration, drive.fabrics))
+
+    without_ray(monkeypatch, run)
+    with pytest.raises(StoreError, match=f"^1 shards of {store} are not there, though each was stored") as caught:
+        sweep.run_sweep(store, *asked)
+    assert caught.value.code == "shards_missing"
+    assert sweep.run_sweep(store, *asked, resume=True).samples == 8
+    assert Store.open(store).complete.all()
 
 
 def test_metrics_count_them_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -214,6 +214,10 @@ def test_a_density_beyond_the_trained_ones_is_not_laid_on_the_captures(
     usual, heavy = told("0.2"), told("4.9")
     assert "the density 4.9 kg/m² is beyond the " in heavy and "density" not in usual
     assert heavy.count(like) == usual.count(like) == 0
+    stated, beyond = (f["out_of_distribution_reasons"] for f in run_json(capsys, *asked, "4.9")["fabrics"])
+    assert beyond[-1].startswith("the density 4.9 kg/m² is beyond the ")
+    assert f"do not rely on the estimate: {'; '.join(beyond)}\n" in heavy
+    assert not [reason for reason in stated if "density" in reason]  # the set states its density
 
 
 @pytest.mark.parametrize("program", [evaluate_captures, saliency, ablation])

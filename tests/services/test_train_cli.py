@@ -62,6 +62,7 @@ def test_a_model_that_its_disk_has_no_room_for_is_kept_elsewhere(
     asked = ("train", "--store", str(store), "--out", str(tmp_path / "m"), *QUICK)
     status, said = failure(capsys, *asked)
     assert status == 1 and "cannot be written (No space left on device)" in said and not (tmp_path / "m").exists()
+    assert said.endswith("[model_not_written]")
     kept = Path(said.split("the trained model is in ")[1].split(" [")[0])
     assert kept.parent == spare and load_model(kept).version == load_model(model).version
     spare = tmp_path / "nowhere"
