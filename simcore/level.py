@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from simcore.bending_forms import BendingForms
 from simcore.cloths import Cloths
 from simcore.contact import PanelContact
+from simcore.elimination import elimination_order
 from simcore.grid import Grid, Pattern
 from simcore.inner import norm
 from simcore.loads import Load
@@ -64,7 +65,8 @@ class Level:
             self.forget()
         if skew not in self._systems:
             pattern = self.grid.skew_pattern if skew else self.grid.pattern
-            exact, rough = (Factorisation(pattern.indptr, pattern.indices, single) for single in (False, True))
+            order = elimination_order(self.grid.rows, self.grid.columns, skew)
+            exact, rough = (Factorisation(pattern.indptr, pattern.indices, single, order) for single in (False, True))
             self._systems[skew] = (pattern, exact, rough)
         self.pattern, self.exact, self.rough = self._systems[skew]
         self._factored = self.exact

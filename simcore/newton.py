@@ -22,6 +22,11 @@ WORTH = 0.03
 """An L-BFGS step that lowers the energy by less than this share of the factorisation's own step is the last."""
 FACTORISATIONS = 40
 """Most that are made for one step, each with a lower blend or four times the damping of the one before."""
+GOES_ON_BELOW = 20.0
+"""Below so many tolerances an inner run to a certified rest goes on, however little the energy falls."""
+FAR = 1.0
+"""Residual over which the blend on the way to a certified rest stays at :data:`FAR_BLEND` [vertex weights]."""
+FAR_BLEND = 0.5
 ROUGH_FROM = 0.002
 """Residual over which single precision is enough for a direction [vertex weights]."""
 
@@ -95,6 +100,8 @@ class Newton:
             last = iteration == options.iterations  # what is near then is still judged
             if (last and not near) or time.process_time() > self.deadline:
                 break
+            if options.certify and residual > FAR:
+                blend = min(blend, FAR_BLEND)
             rough = residual > ROUGH_FROM
             negative = self._factor(x, blend, damping, rough)
             if near and negative == 0:
@@ -158,7 +165,9 @@ class Newton:
                 pairs.append((s, y, 1.0 / curvature))
                 del pairs[:-MEMORY]
             x, energy, gradient = moved, new_energy, new_gradient
-            if fall < worth or length < 0.1 or level.residual(gradient) < self.options.tolerance:
+            residual = level.residual(gradient)
+            goes_on = self.options.certify and residual < GOES_ON_BELOW * self.options.tolerance
+            if (fall < worth and not goes_on) or length < 0.1 or residual < self.options.tolerance:
                 break
         assert first is not None
         return (*first, x, energy, gradient)
