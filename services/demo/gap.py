@@ -21,7 +21,7 @@ from services.demo import fabrics
 from services.demo.captures import simulate_captures
 from simcore.scenes import Scene, Setup
 
-EFFECT, MAGNITUDE = "air_draft", 0.35
+EFFECT, MAGNITUDE = "air_draft", 0.1
 CANDIDATES: tuple[str, ...] = ("air_draft", "depth_scale", "pin_spacing")
 FABRICS: tuple[str, ...] = ("poplin", "twill", "canvas")
 
