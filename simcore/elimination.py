@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+KEPT = {False: (51, 61, 101), True: (26, 51, 61, 101)}
+"""Vertices along a side of the square grids with a file, by ``skew``."""
 _FOLDER = Path(__file__).parent / "data" / "elimination"
 
 
@@ -15,11 +17,11 @@ def elimination_order(rows: int, columns: int, skew: bool) -> NDArray[np.int32] 
 
     By minimum local fill (``scripts/elimination_order.py``). On 5 mm cells a factorisation takes 0.85 of the operations
     that PARDISO's minimum degree takes with the neighbours of ``OFFSETS``, 0.54 with those of ``SKEW_OFFSETS`` besides
-    (``skew``). None for a grid that no file is kept for.
+    (``skew``). None for a grid that is not among :data:`KEPT`.
     """
-    file = _FOLDER / f"{rows}x{columns}{'-skew' if skew else ''}.npy"
-    if not file.is_file():
+    if rows != columns or rows not in KEPT[skew]:
         return None
+    file = _FOLDER / f"{rows}x{columns}{'-skew' if skew else ''}.npy"
     vertices: NDArray[np.int32] = np.load(file).astype(np.int32)
     return equations_of(vertices)
 

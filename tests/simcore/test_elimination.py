@@ -9,15 +9,15 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from simcore import level, pardiso
-from simcore.elimination import elimination_order, equations_of
+from simcore import elimination, level, pardiso
+from simcore.elimination import KEPT, elimination_order, equations_of
 from simcore.grid import Grid
 from simcore.mesh import GridMesh
 from simcore.pardiso import Factorisation
 from simcore.solver import Solver
 
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "elimination_order.py"
-KEPT = [(side, False) for side in (51, 61, 101)] + [(side, True) for side in (26, 51, 61, 101)]
+FILES = [(side, skew) for skew, sides in KEPT.items() for side in sides]
 
 
 def script() -> ModuleType:
@@ -41,7 +41,7 @@ class Counted(Factorisation):
         return answer
 
 
-@pytest.mark.parametrize(("side", "skew"), KEPT)
+@pytest.mark.parametrize(("side", "skew"), FILES)
 def test_each_equation_has_its_turn_once(side: int, skew: bool) -> None:
     order = elimination_order(side, side, skew)
     assert order is not None and order.dtype == np.int32
@@ -49,7 +49,7 @@ def test_each_equation_has_its_turn_once(side: int, skew: bool) -> None:
     assert np.array_equal(order.reshape(-1, 3) % 3, np.tile([0, 1, 2], (side * side, 1)))
 
 
-@pytest.mark.parametrize(("side", "skew"), KEPT)
+@pytest.mark.parametrize(("side", "skew"), FILES)
 def test_they_take_fewer_operations_than_pardisos_own(side: int, skew: bool) -> None:
     grid = Grid(side, side, 0.5 / (side - 1), 0.5 / (side - 1))
     pattern = grid.skew_pattern if skew else grid.pattern
@@ -61,6 +61,12 @@ def test_they_take_fewer_operations_than_pardisos_own(side: int, skew: bool) -> 
 def test_other_grids_have_none() -> None:
     assert elimination_order(51, 61, False) is None
     assert elimination_order(26, 26, False) is None
+
+
+def test_a_file_that_is_lost_is_no_other_order(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(elimination, "_FOLDER", tmp_path)
+    with pytest.raises(FileNotFoundError):
+        elimination_order(51, 51, False)
 
 
 def test_solutions_are_those_of_another_order() -> None:
