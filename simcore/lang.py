@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from simcore.errors import MissingResourceError
+from simcore.kernel_positions import tell_positions_short
 
 os.environ.setdefault("TI_LOG_LEVEL", "error")
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -57,6 +58,7 @@ def on_cpu() -> bool:
 
 
 def _initialise(arch: str) -> None:
+    tell_positions_short()
     ti.init(
         arch=ti.cuda if arch == "cuda" else ti.cpu,
         default_fp=ti.f64,
