@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 
@@ -11,9 +12,7 @@ def tell_positions_short() -> None:
     Drawing takes a third of what the kernels cost a process that finds them compiled. File, line, function and the line
     itself are still told of an error. Versions of Taichi that note positions in another way are left as they are.
     """
-    from taichi.lang.ast import ast_transformer_utils
-
-    context: Any = getattr(ast_transformer_utils, "ASTTransformerContext", None)
+    context: Any = getattr(sys.modules.get("taichi.lang.ast.ast_transformer_utils"), "ASTTransformerContext", None)
     if hasattr(context, "get_pos_info"):
         context.get_pos_info = _position
 
