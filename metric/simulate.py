@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from metric.cores import usable_cores
 from metric.draping import DrapeRequest, RequestResult, run_request
 from metric.engine import engine_fingerprint
 from metric.render import DrapeRender
 from metric.render_cache import RenderCache
 from metric.workers import run_in_processes
+from simcore.cores import usable_cores
 from simcore.errors import InputError, MissingResourceError, SimulationError
 from simcore.parameters import FabricParameters
 from simcore.scenes import Scene

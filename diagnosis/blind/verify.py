@@ -142,5 +142,7 @@ def _parameter_error(
             continue
         versions = (said.model_dump(), one["before"], one["after"])
         rows.append([[np.log(version[name] / true[name]) ** 2 for name in ESTIMATED_NAMES] for version in versions])
+    if not rows:
+        return None
     as_stated, without, with_effect = np.sqrt(np.mean(np.array(rows), axis=(0, 2)))
     return float(as_stated), float(without), float(with_effect)

@@ -33,8 +33,8 @@ class Placement:
 
 def say_cost(configuration: SweepConfiguration, workers: int | None, json_output: bool) -> None:
     """Print what a sweep would cost."""
-    from metric.cores import usable_cores
     from services.dataset.cost import estimate_cost
+    from simcore.cores import usable_cores
 
     cost = estimate_cost(configuration, workers or usable_cores())
     if json_output:

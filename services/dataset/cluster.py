@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from metric.cores import usable_cores
+from simcore.cores import usable_cores
 from simcore.errors import InputError, MissingResourceError
 
 _STORE_BYTES = 100 * 2**20

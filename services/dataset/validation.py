@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from metric.cores import usable_cores
 from renderer.store import RowStatus, ShardRows, Store
 from renderer.store_format import array_specs, combine_digests
 from renderer.store_location import lost_attributes
 from services.dataset.configuration import simulation_seed
+from simcore.cores import usable_cores
 from simcore.errors import StoreError
 
 MOST_FAULTS = 100

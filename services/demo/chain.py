@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from metric.cores import usable_cores
 from services.dataset.sweep import SweepSummary
 from services.demo import captures, drapes, fabrics, gap, learning
 from services.demo.plan import DemoPlan
 from services.demo.steps import StepClock, prepare_folder
+from simcore.cores import usable_cores
 from simcore.scenes import Scene
 from trainer.model import TrainedModel
 

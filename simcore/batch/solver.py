@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -21,6 +20,7 @@ from simcore.batch.request import Request
 from simcore.checks import check_request, seed_sequence
 from simcore.cloths import Cloths
 from simcore.contact import REACH_M, PanelContact
+from simcore.cores import usable_cores
 from simcore.crossings import count_crossings
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import InputError
@@ -68,7 +68,7 @@ class BatchSolver:
         self.mesh = mesh
         self.most = most
         self.levels = [BatchLevel(grid, self.device, max(2, most)) for grid in cascade(mesh)]
-        self._alone = Alone(mesh, min(PROCESSES, os.cpu_count() or 1) if arch == "cuda" else 0)
+        self._alone = Alone(mesh, min(PROCESSES, usable_cores()) if arch == "cuda" else 0)
         self.put_up_again = 0
         self.put_up_again_s = 0.0
 

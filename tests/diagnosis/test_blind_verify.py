@@ -174,6 +174,18 @@ def test_errors_of_the_parameters_are_counted_in_logarithms(
     assert found["parameter_error"] == pytest.approx((0.6 / math.sqrt(12), math.sqrt(0.1), math.sqrt(0.05)))
 
 
+def test_no_error_is_told_where_no_fabric_states_its_parameters(
+    sealed: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, label = sealed
+    monkeypatch.setattr(verification, "closed", Judged(0.7, 0.6))
+    add(folder, "f3", density=0.2)
+    refitted = RefittedParameters(fabric="f3", before=STATED, after=STATED)
+    opened = {**label, "parameters": {"f3": STATED}, "further_captures_sha256": hashes_of(folder)}
+    found = verify(folder, opened, document(parameters=(refitted,)), NO_CACHE)
+    assert found is not None and found["parameter_error"] is None
+
+
 def times(parameters: dict[str, float], logarithm: float) -> dict[str, float]:
     """All of them too large by a factor."""
     return {name: value * math.exp(logarithm) for name, value in parameters.items()}

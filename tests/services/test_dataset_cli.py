@@ -97,7 +97,7 @@ def test_cost_is_told_before_anything_starts(capsys: pytest.CaptureFixture[str])
 def test_cost_is_that_on_the_cores_that_may_be_used(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("metric.cores.usable_cores", lambda: 3)
+    monkeypatch.setattr("simcore.cores.usable_cores", lambda: 3)
     assert run(["dataset", "--materials", "1000", "--dry-run", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["workers"] == 3
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from metric import cores
-from metric.cores import usable_cores
+from simcore import cores
+from simcore.cores import usable_cores
 
 QUOTA, PERIOD = "cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us"
 
