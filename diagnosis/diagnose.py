@@ -257,7 +257,8 @@ class _Conclusion:
             return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known, without=without)
 
         self.steps.measure()
-        cause, measured = judged(cause, measure)
+        guessed = sum(r.task.estimated for r in results)
+        cause, measured = judged(cause, measure, estimated=2 * guessed >= len(results))
         assumed = (*assumed, *_of_states(results))  # of those that the answer rests on
         if measured is not None:
             assumed = (*assumed, *not_at_rest_with(measured.held, looks))

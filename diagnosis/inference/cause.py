@@ -139,6 +139,10 @@ class Cause:
         odds = DOUBTED**times * self.pair_probability
         return self._with_pairs(odds / (odds + 1.0 - self.pair_probability))
 
+    def pairs_at_most(self, most: float) -> Cause:
+        """With no more probability than ``most`` for two effects; explanations by one share the rest as they stand."""
+        return self._with_pairs(min(most, self.pair_probability))
+
     def outdone(self) -> Cause:
         """With little probability left for any effect: something outside the catalogue gets what they lose."""
 

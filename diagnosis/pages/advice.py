@@ -73,6 +73,7 @@ def advice(diagnosis: Diagnosis) -> list[str]:
     report = diagnosis.report
     cause = report.cause
     unstretched = [r.task.id for r in diagnosis.results if all(c.scene != "stretch" for c in r.captures)]
+    estimated = [r.task.id for r in diagnosis.results if r.task.estimated]
     lines: list[str] = []
     if cause.top == "unknown":
         lines += _of_unknown(report.where, cause)
@@ -83,6 +84,12 @@ def advice(diagnosis: Diagnosis) -> list[str]:
         lines += [line for name in named for line in _of_named(get_effect(name))]
         lines += _noise_to_state(diagnosis)
     lines += separating(cause)
+    if estimated and cause.top != "none":
+        of = "" if len(estimated) == len(diagnosis.results) else f" of {', '.join(estimated)}"
+        lines.append(
+            f"State the parameters{of} as measured, or as estimated from captures without the effect: estimated from "
+            "these, they hold a part of what is missing, and a second effect may stand for that."
+        )
     if unstretched:
         some = "" if len(unstretched) == len(diagnosis.results) else f" of {', '.join(unstretched)}"
         lines.append(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from diagnosis.afresh.fresh import is_mechanical
 from diagnosis.effects import get_effect
 from diagnosis.groups import group_of
-from diagnosis.inference.cause import Cause
+from diagnosis.inference.cause import Cause, is_on_pixels
 from diagnosis.report import Shrinkage
 from diagnosis.shrinkage.held_out import Measured, refit, whitened
 from diagnosis.shrinkage.shares import fraction_of
@@ -33,6 +33,9 @@ NEEDED = 0.9
 HARDLY_MORE = 1.25
 """What one effect leaves, over the scatter of repeats, below which a second one on the cloth is doubted twice (decision
 039)."""
+ESTIMATED_PAIR = 0.4
+"""Most probability of two effects where parameters are estimated from the very captures, and held-out ones come no
+nearer with two (decision 048)."""
 SHOWN = 0.15
 """A second effect on the cloth beside one on camera or sensor closes more than this share of the gap that the first
 leaves, the fabric that speaks most for it left out: 0.09 of one that was not there, 0.95 and more of four true ones."""
@@ -47,12 +50,19 @@ class Measure(Protocol):
     def __call__(self, of: Cause, *, known: bool = False, without: Collection[str] = ()) -> Measured | None: ...
 
 
-def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
+def judged(cause: Cause, measure: Measure, *, estimated: bool = False) -> tuple[Cause, Measured | None]:
     """What held-out captures leave of a cause, with the shrinkage by what is then named.
 
     Effects that take simulations away from captures are refuted; of two together, one may stay. One on the cloth that
     brings them little nearer is doubted. A second effect on the cloth with which the simulations come hardly nearer
     than with the first alone is refuted too, beside one on camera or sensor where one fabric alone shows it.
+
+    Args:
+        cause: as weighed.
+        measure: how far the gap shrinks.
+        estimated: parameters of half of the fabrics or more are estimated from these captures: a second effect may
+            stand for what the first one made of them, unless it shows in pixels alone, brings held-out captures nearer,
+            or neither of the two explains them alone.
     """
     measured = measure(cause)
     if measured is not None and len(cause.named) == 2:
@@ -63,6 +73,10 @@ def judged(cause: Cause, measure: Measure) -> tuple[Cause, Measured | None]:
             doubted = cause.second_doubted(times)
             measured = measured if doubted.named == cause.named else measure(doubted)
             cause = doubted
+    if estimated and len(cause.named) == 2 and cause.pair is not None and not is_on_pixels(cause.pair.second):
+        single = cause.pairs_at_most(ESTIMATED_PAIR)
+        if set(single.named) & set(cause.named) and not _nearer(measured, alone := measure(single)):
+            cause, measured = single, alone
     refuted: set[str] = set()
     while measured is not None and is_refuted(measured):  # ends: none and unknown get what effects lose
         refuted.add(cause.top)
@@ -86,6 +100,13 @@ def _times_doubted(cause: Cause, measured: Measured, measure: Measure) -> int:
     if both is None or alone is None:
         return 0
     return times_needless(both.shrinkage, alone.shrinkage, repeated=any(held.repeated for held in alone.held))
+
+
+def _nearer(both: Measured | None, alone: Measured | None) -> bool:
+    """Held-out captures come nearer with two effects than with one, names sought again without them both times."""
+    if both is None or alone is None or both.shrinkage.unit != alone.shrinkage.unit:
+        return False
+    return both.shrinkage.after < NEEDED * alone.shrinkage.after
 
 
 def _names_one_on_the_cloth(cause: Cause) -> bool:

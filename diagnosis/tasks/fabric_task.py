@@ -71,6 +71,7 @@ class FabricTask:
         captures: its captures.
         effects: names of the effects to try.
         resolution_m: of the mesh.
+        estimated: nobody stated the parameters; they are estimated from these captures.
     """
 
     id: str
@@ -79,6 +80,7 @@ class FabricTask:
     captures: tuple[CaptureTask, ...]
     effects: tuple[str, ...]
     resolution_m: float = 0.01
+    estimated: bool = False
 
 
 def with_grip(task: FabricTask, pin_radius_m: float) -> FabricTask:

@@ -87,7 +87,8 @@ def prepare_tasks(
             off = pose_error(ready, prepared.values())
             items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), off))
         assumed += recut(fabric_id, own, items)
-        tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell))
+        estimated = fabric.parameters is None
+        tasks.append(FabricTask(fabric_id, parameters, sigma, tuple(items), tuple(effects), cell, estimated))
     found = max(c.pose_error_m for task in tasks for c in task.captures)
     assumed += doubts(prepared.values())
     if found > 0.0:

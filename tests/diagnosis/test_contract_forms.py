@@ -100,6 +100,7 @@ def test_a_fabric_without_parameters_is_estimated_from_its_pictures(altered: Cal
     assert min(tasks[1].relative_sigma[:6]) > max(tasks[0].relative_sigma[:6])
     assert min(tasks[1].relative_sigma[:6]) >= FOREIGN_SPREAD * LEAST_ESTIMATED_SIGMA
     assert max(tasks[1].relative_sigma[:6]) <= UNKNOWN_SIGMA
+    assert [task.estimated for task in tasks] == [False, True]
 
 
 def test_a_sensor_that_is_not_stated_judges_no_pixels(altered: Callable[[Change], CaptureSet]) -> None:

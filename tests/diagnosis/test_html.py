@@ -31,11 +31,11 @@ def row(p: float = 0.001, gap: float = 3.0, floor: float = 0.5, **other: Any) ->
     return RegionGap(gap=gap, noise_floor=floor, p_adjusted=p, **given)
 
 
-def advised(told: GapReport, scenes: tuple[str, ...] = ("stretch",), fabrics: int = 2) -> str:
+def advised(told: GapReport, scenes: tuple[str, ...] = ("stretch",), fabrics: int = 2, estimated: int = 0) -> str:
     captures = [SimpleNamespace(scene=scene) for scene in scenes]
     seen = SimulationScene(Setup.nominal("stretch")).with_sensor(range_noise_m=0.001, at_m=1.2)
     taken = [SimpleNamespace(scene=seen) for _ in scenes]
-    tasks = [SimpleNamespace(id=f"f{n + 1}", captures=taken) for n in range(fabrics)]
+    tasks = [SimpleNamespace(id=f"f{n + 1}", captures=taken, estimated=n < estimated) for n in range(fabrics)]
     results = [SimpleNamespace(task=task, captures=captures) for task in tasks]
     made: Any = SimpleNamespace(report=told, results=results)
     return "\n".join(advice(made))
@@ -52,6 +52,13 @@ def test_of_a_named_effect_it_is_said_how_to_make_sure_of_it_and_what_then() -> 
     bias = advised(report("depth_bias"))
     assert "bare panel at two distances" in bias and "take it off the depths" in bias
     assert "--apply" not in bias
+
+
+def test_parameters_that_were_estimated_from_these_captures_are_asked_for() -> None:
+    """Not where nothing is missing: they are good then."""
+    assert "State the parameters as measured" in advised(report("panel_tilt"), estimated=2)
+    assert "State the parameters of f1 as measured" in advised(report("unknown"), estimated=1)
+    assert "State the parameters" not in advised(report("panel_tilt")) + advised(report("none"), estimated=2)
 
 
 def test_what_a_capture_set_cannot_state_is_not_to_be_corrected_there() -> None:
