@@ -257,8 +257,7 @@ class _Conclusion:
             return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known, without=without)
 
         self.steps.measure()
-        guessed = sum(r.task.estimated for r in results)
-        cause, measured = judged(cause, measure, estimated=2 * guessed >= len(results))
+        cause, measured = judged(cause, measure, estimated=_half_estimated(results))
         assumed = (*assumed, *_of_states(results))  # of those that the answer rests on
         if measured is not None:
             assumed = (*assumed, *not_at_rest_with(measured.held, looks))
@@ -350,6 +349,11 @@ class _Conclusion:
             blocks = [without(block, *beside) for block in blocks]
             pixels = pixels_without(pixels, *beside)
         return name_cause(self.effects, blocks, pixels, replace(self.model, moved_stretch=ROUGH), pairs=False)
+
+
+def _half_estimated(results: Sequence[FabricResult]) -> bool:
+    """Parameters of half of the fabrics or more are estimated from the captures."""
+    return 2 * sum(result.task.estimated for result in results) >= len(results)
 
 
 def _all_alike(noise: NoiseModel) -> NoiseModel:

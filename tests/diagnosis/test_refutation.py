@@ -15,32 +15,12 @@ from diagnosis.inference.cause import Cause
 from diagnosis.inference.evidence import Evidence
 from diagnosis.inference.likelihood import LikelihoodModel
 from diagnosis.inference.pairs import Pair
-from diagnosis.report import Shrinkage
 from diagnosis.shrinkage import held_out
 from diagnosis.shrinkage.held_out import Held, Measured, measure_shrinkage
-from diagnosis.shrinkage.refutation import (
-    ESTIMATED_PAIR,
-    NEEDED,
-    WORSE,
-    is_refuted,
-    is_unshown,
-    judged,
-    times_needless,
-)
+from diagnosis.shrinkage.refutation import NEEDED, WORSE, is_refuted, is_unshown, judged, times_needless
 from diagnosis.shrinkage.splits import Fold
 from diagnosis.simulation.sizes import nodes
-
-
-def shrinkage(fraction: float, high: float, *, afresh: bool = True) -> Shrinkage:
-    return Shrinkage(
-        held_out=("f1-stretch-0",),
-        before=1.0,
-        after=1.0 - 0.5 * fraction,
-        noise_floor=0.5,
-        fraction=fraction,
-        interval_90=(-1.0, high),
-        simulated_afresh=afresh,
-    )
+from tests.diagnosis.refutation_parts import left, shrinkage, two_effects
 
 
 def held(
@@ -99,17 +79,6 @@ def test_known_responses_alone_refute_nothing() -> None:
     assert not is_refuted(Measured(shrinkage(-1.0, 0.0, afresh=False), ()))
 
 
-def two_effects(
-    unknown: float, first: str = "edge_flying_pixels", second: str = "stretch_stiffening", both: float = 0.9
-) -> Cause:
-    """Two effects together so probable; alone, the first of them, or something unknown."""
-    evidence = {name: Evidence(name, 0.0, 0.0, {}, {}, {}, 0.0, {}) for name in (first, second, "none", "unknown")}
-    alone = {first: 1.0 - both - unknown - 1e-9, second: 0.0, "none": 1e-9, "unknown": unknown}
-    together = {**alone, first: alone[first] + both / 2, second: both / 2}
-    pair = Pair(first, second, {first: {}, second: {}}, evidence[second])
-    return Cause(together, evidence, 10.0, pair, both, alone)
-
-
 def test_two_effects_that_are_refuted_leave_one_of_them_where_it_explains_alone() -> None:
     cause = two_effects(unknown=0.02)
     assert set(cause.named) == {"edge_flying_pixels", "stretch_stiffening"}
@@ -156,11 +125,6 @@ def test_two_effects_that_are_refuted_leave_nothing_named_where_neither_explains
     assert two_effects(unknown=0.09).refuted().top == "unknown"
 
 
-def left(after: float, *, afresh: bool = True) -> Shrinkage:
-    """What remains of 4 mm."""
-    return shrinkage(0.5, 1.0, afresh=afresh).model_copy(update={"before": 4.0, "after": after})
-
-
 def test_a_second_effect_is_needless_where_held_out_captures_are_no_nearer_with_it() -> None:
     assert times_needless(left(1.42), left(1.43)) == 1
     assert times_needless(left(0.9 * NEEDED), left(1.0)) == 0
@@ -202,53 +166,6 @@ def test_of_two_effects_on_the_cloth_the_needless_one_goes(
     assert cause.named == named
     assert measured is not None
     assert measured.shrinkage.after == 1.44  # the report's own, names sought again
-
-
-@pytest.mark.parametrize(
-    ("first", "second", "both", "after", "probability"),
-    [
-        ("panel_tilt", "focal_scale", 0.9, 13.8, ESTIMATED_PAIR),  # a tilt, taken for a cloth that stretches otherwise
-        ("panel_tilt", "focal_scale", 0.9, NEEDED * 10.74, ESTIMATED_PAIR),
-        ("camera_rotation", "rest_curvature", 0.9, 9.0, 0.9),  # both are there
-        ("edge_flying_pixels", "panel_tilt", 0.9, 13.8, ESTIMATED_PAIR),
-        ("panel_tilt", "edge_flying_pixels", 0.9, 13.8, 0.9),  # no parameter shows in pixels
-        ("panel_tilt", "focal_scale", 0.3, 13.8, 0.3),
-    ],
-)
-def test_beside_estimated_parameters_a_second_effect_brings_held_out_captures_nearer(
-    first: str, second: str, both: float, after: float, probability: float
-) -> None:
-    cause = two_effects(0.02, first, second, both)
-
-    def measure(of: Cause, *, known: bool = False, **_: object) -> Measured:
-        """Known to be there, two effects are fitted; sought again without a fabric they are others."""
-        return Measured(left((5.0 if known else after) if len(of.named) == 2 else 10.74), ())
-
-    kept, measured = judged(cause, measure, estimated=True)
-    assert kept.pair_probability == pytest.approx(probability)
-    assert kept.named == ((first, second) if probability > 0.5 else (first,))
-    assert sum(kept.probabilities.values()) == pytest.approx(1.0)
-    assert measured is not None and measured.shrinkage.after == (after if probability > 0.5 else 10.74)
-    stated, _ = judged(cause, measure)
-    assert stated.pair_probability == both
-    unmeasured, _ = judged(cause, lambda of, **_: None, estimated=True)
-    assert (len(unmeasured.named) == 2) is (second == "edge_flying_pixels")
-
-
-def test_beside_estimated_parameters_two_effects_stay_where_neither_explains_the_captures_alone() -> None:
-    """A turned camera and a curvature: alone each is less likely than something unknown."""
-    cause = two_effects(0.09, "camera_rotation", "rest_curvature")
-    kept, _ = judged(cause, lambda of, **_: Measured(left(3.0), ()), estimated=True)
-    assert kept == cause
-
-
-def test_what_shows_in_other_units_speaks_for_no_second_effect() -> None:
-    def measure(of: Cause, **_: object) -> Measured:
-        unit = "mm" if len(of.named) == 2 else "standard deviations"
-        return Measured(left(1.0 if len(of.named) == 2 else 3.0).model_copy(update={"unit": unit}), ())
-
-    kept, _ = judged(two_effects(0.02, "camera_rotation", "rest_curvature"), measure, estimated=True)
-    assert kept.named == ("camera_rotation",)
 
 
 SOFT = [(0.83, 0.82), (1.4, 1.27), (1.56, 0.99), (1.2, 1.13)]
