@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,10 @@ from simcore.parameters import ESTIMATED_NAMES, UNITS
 
 if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
-    from trainer.predict import Estimate
+    from capture.prepare import PreparedCapture
+    from diagnosis.extension import SimulatorExtension
+    from diagnosis.indirect_estimate import IndirectEstimate, IndirectEstimator
+    from trainer.predict import Estimate, Estimator
 
 
 def register(app: typer.Typer) -> None:
@@ -28,6 +31,11 @@ def estimate(
     capture_set: Path = typer.Argument(..., help="Capture set: a folder with captures.json."),
     density: float | None = typer.Option(None, "--density", help="kg/m², of fabrics whose density the set lacks."),
     model: Path | None = typer.Option(None, "--model", help="Model folder; default: the one that ships."),
+    simulator: Path | None = typer.Option(
+        None,
+        "--simulator",
+        help="simulator.json of `drapemeter diagnose --apply`: the captures show the effects in it.",
+    ),
     seed: int = SEED_FIXED,
     json_output: bool = JSON,
 ) -> None:
@@ -37,37 +45,74 @@ def estimate(
     synthetic fabrics held out of training; a fabric marked out of distribution is unlike those, whatever its intervals.
     What speaks against the poses that were found in its pictures is noted below it.
 
+    With --simulator some dozen simulations a fabric, with the effects that a diagnosis found in the same rig, are shown
+    to the same network, and the parameters are sought of which it says the same as of the captures.
+
     \b
     Example:
       drapemeter estimate my-captures --density 0.2 --json
+      drapemeter estimate my-captures --simulator report/simulator.json
     """
     from capture.capture_set import CaptureSet
     from capture.pose_notes import PoseNotes
     from capture.prepare import inputs_by_fabric, prepare_all
     from trainer.predict import Estimator, check_density
 
+    extension = None if simulator is None else _extension(simulator)
     if density is not None:
         check_density(density)
     captures = CaptureSet.load(capture_set)
     densities = fabric_densities(captures, density)
     estimator, notes = Estimator.load(model), PoseNotes()
-    inputs = inputs_by_fabric(notes.heard(prepare_all(captures.captures)))
+    heard = notes.heard(prepare_all(captures.captures))
+    if extension is None:
+        inputs = inputs_by_fabric(heard)
+    else:
+        indirect = _indirect(captures, heard, extension, estimator)
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():
-            found = estimator.estimate_named(fabric_id, inputs[fabric_id], value)
-            fabrics.append((fabric_id, value, found, notes.of_fabric(fabric_id)))
+            simulated = None if extension is None else indirect.estimate(fabric_id, value)
+            found = simulated.estimate if simulated else estimator.estimate_named(fabric_id, inputs[fabric_id], value)
+            fabrics.append((fabric_id, value, found, notes.of_fabric(fabric_id), simulated))
             bar.advance()
     if density is not None and (stated := [n for n in densities if captures.fabrics[n].density is not None]):
         console.note(f"--density is not used for {', '.join(stated)}: the set states it")
     if json_output:
         units = {name: UNITS[name] for name in ESTIMATED_NAMES}
         documents = [as_document(*entry) for entry in fabrics]
-        console.emit_json({"fabrics": documents, "units": units, "model_version": estimator.version})
+        whole = {"fabrics": documents, "units": units, "model_version": estimator.version}
+        if extension is not None:
+            whole["simulator"] = extension.model_dump(mode="json")
+        console.emit_json(whole)
         return
     for entry in fabrics:
         print_fabric(*entry)
     console.say(f"model {estimator.version}")
+
+
+def _extension(path: Path) -> SimulatorExtension:
+    """The effects of a simulator file.
+
+    Raises:
+        InputError: it is none, or adds nothing.
+    """
+    from diagnosis.extension import SimulatorExtension
+
+    extension = SimulatorExtension.load(path)
+    if not extension.effects and extension.pin_radius_m is None:
+        raise InputError(f"{path}: it adds nothing to the simulation: leave --simulator out", code="extension_empty")
+    return extension
+
+
+def _indirect(
+    captures: CaptureSet, prepared: Iterable[PreparedCapture], extension: SimulatorExtension, estimator: Estimator
+) -> IndirectEstimator:
+    from diagnosis.indirect_estimate import IndirectEstimator
+    from diagnosis.simulation.drape_cache import DrapeCache
+    from diagnosis.simulation.simulator import Simulator
+
+    return IndirectEstimator(captures, prepared, extension, estimator, Simulator(DrapeCache.default()))
 
 
 def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, float]:
@@ -100,22 +145,41 @@ def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, f
     return densities
 
 
-def as_document(fabric_id: str, density: float, found: Estimate, notes: Sequence[str]) -> dict[str, Any]:
+def as_document(
+    fabric_id: str, density: float, found: Estimate, notes: Sequence[str], simulated: IndirectEstimate | None = None
+) -> dict[str, Any]:
     """One fabric's entry of the JSON document."""
-    return {
+    document = {
         "id": fabric_id,
         "density": density,
         **estimate_fields(found, notes),
         "out_of_distribution_score": round(found.out_of_distribution_score, 4),
     }
+    if simulated is not None:
+        document["simulated"] = {
+            "without_effects": simulated.first.parameters,
+            "left": round(simulated.left, 4),
+            "simulations": simulated.simulations,
+            "not_at_rest": simulated.unrested,
+        }
+    return document
 
 
-def print_fabric(fabric_id: str, density: float, found: Estimate, notes: Sequence[str]) -> None:
+def print_fabric(
+    fabric_id: str, density: float, found: Estimate, notes: Sequence[str], simulated: IndirectEstimate | None = None
+) -> None:
     """One fabric's table, with what speaks against it."""
     console.say(f"{fabric_id}: {density:g} {UNITS['density']}, from {' and '.join(found.scenes)}")
     for name in ESTIMATED_NAMES:
         low, high = found.intervals_90[name]
-        console.say(f"  {name:13s} {found.parameters[name]:9.3g} {UNITS[name]:4s} 90 %: {low:.3g} to {high:.3g}")
+        first = "" if simulated is None else f", {simulated.first.parameters[name]:.3g} without the effects"
+        console.say(f"  {name:13s} {found.parameters[name]:9.3g} {UNITS[name]:4s} 90 %: {low:.3g} to {high:.3g}{first}")
+    if simulated is not None:
+        rest = f", {simulated.unrested} of them not at rest" if simulated.unrested else ""
+        console.say(
+            f"  {simulated.simulations} simulations with the effects{rest}: the network's word on the last differs by "
+            f"{simulated.left:.2g} in ln p from that on the captures"
+        )
     if not found.intervals_calibrated:
         console.say("  the intervals promise nothing: the model was calibrated on too few fabrics")
     if found.reasons:

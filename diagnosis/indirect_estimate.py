@@ -1,0 +1,204 @@
+"""A fabric's parameters from captures that show an effect: the network, asked about simulations that show it too.
+
+The network knows cloth without effects, so what an effect does to a picture is in its estimates. Here simulated
+captures with the effect on are taken to the same network, and the parameters are sought of which it says the same as of
+the captures: indirect inference (Gouriéroux, Monfort and Renault 1993, Journal of Applied Econometrics 8, S85-S118),
+by fixed-point steps in ln p.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture.capture_set import Capture, CaptureSet
+from capture.normalise import NetworkInput, normalise_depth
+from capture.prepare import PreparedCapture
+from diagnosis.afresh.fresh import is_finite
+from diagnosis.effects import get_effect
+from diagnosis.extension import SimulatorExtension
+from diagnosis.measurement.picture import picture_of
+from diagnosis.scene import SimulationScene, pose_rows
+from diagnosis.simulation.simulator import Simulator
+from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS
+from diagnosis.tasks.meshing import cell_size
+from diagnosis.tasks.put_up import as_simulated, check_set_ups
+from diagnosis.tasks.sensors import sensor_model, usual_distance
+from simcore.errors import InputError, SimulationError
+from simcore.mesh import GridMesh
+from simcore.parameters import ESTIMATED_NAMES, LIMITS, FabricParameters
+from simcore.scenes import Scene
+from trainer.predict import Estimate, Estimator
+
+Array = NDArray[np.float64]
+STEPS = 3
+"""More bring estimates hardly nearer to the cloths' own (measured, see docs/closing-the-loop.md)."""
+LONGEST_STEP = 1.0
+"""In ln p: what the network says of a simulation that is far off is not believed further than this."""
+ROUNDING = 1e-6
+"""In ln p: so far inside of what a fabric may have do estimates stay."""
+UNSURE = 1.0
+"""So many standard deviations, as shares of it, does what an estimate moved by add to its own: steps do not reach what
+an effect hides."""
+INTERVAL_90 = 1.645
+"""Half a 90 % interval in standard deviations."""
+
+
+@dataclass(frozen=True)
+class IndirectEstimate:
+    """What captures tell of a fabric if they show effects.
+
+    Attributes:
+        estimate: with parameters and intervals as found with the effects on; the rest as the network says of the
+            captures.
+        first: as the network says of the captures, which knows of no effects.
+        left: root mean square in ln p by which what the network says of simulations of the estimate differs still from
+            what it says of the captures.
+        simulations: that were asked for.
+        unrested: of these, that did not come to rest; they count as far as they came.
+    """
+
+    estimate: Estimate
+    first: Estimate
+    left: float
+    simulations: int
+    unrested: int
+
+
+class IndirectEstimator:
+    """Estimates fabrics of one capture set with effects on.
+
+    Args:
+        captures: the set.
+        prepared: all of its captures; their pictures are not kept.
+        extension: the effects.
+        estimator: the network.
+        simulator: of drapes.
+        resolution_m: wanted edge of a mesh cell.
+
+    Raises:
+        InputError: captures that cannot be simulated, with the effects or without.
+    """
+
+    def __init__(
+        self,
+        captures: CaptureSet,
+        prepared: Iterable[PreparedCapture],
+        extension: SimulatorExtension,
+        estimator: Estimator,
+        simulator: Simulator,
+        resolution_m: float = 0.01,
+    ) -> None:
+        check_set_ups(captures, resolution_m)
+        self.extension, self.estimator, self.simulator = extension, estimator, simulator
+        self._resolution_m = resolution_m
+        self._asked = self._unrested = 0
+        self._inputs: dict[str, dict[Scene | str, list[NetworkInput]]] = {}
+        posed: list[tuple[Capture, Array]] = []
+        for one in prepared:
+            seen = self._inputs.setdefault(one.capture.fabric.id, {})
+            seen.setdefault(one.capture.scene, []).append(one.network_input)
+            posed.append((one.capture, one.registration.camera_from_panel))
+        usual_m = usual_distance(pose for _, pose in posed)
+        self._shown: dict[str, list[SimulationScene]] = {}
+        for capture, pose in posed:
+            scenes = self._shown.setdefault(capture.fabric.id, [])
+            scenes.append(self._scene(capture, pose, usual_m))
+            self._with_effects(scenes[-1], 0)  # what cannot be applied is told now
+
+    def estimate(self, fabric: str, density: float) -> IndirectEstimate:
+        """Estimate one fabric.
+
+        Args:
+            fabric: its id.
+            density: [kg/m²].
+
+        Raises:
+            InputError: as :meth:`trainer.predict.Estimator.estimate`; the message names the fabric.
+            SimulationError: it cannot be simulated with the effects on.
+        """
+        first = self.estimator.estimate_named(fabric, self._inputs[fabric], density)
+        said = _logs(first.parameters)
+        low, high = np.log([LIMITS[name] for name in ESTIMATED_NAMES]).T + np.array([[ROUNDING], [-ROUNDING]])
+        found, self._asked, self._unrested = said, 0, 0
+        for _ in range(STEPS):
+            missing = said - self._says(fabric, density, found)
+            found = np.clip(found + np.clip(missing, -LONGEST_STEP, LONGEST_STEP), low, high)
+        left = said - self._says(fabric, density, found)
+        rms = float(np.sqrt(np.mean(left**2)))
+        return IndirectEstimate(_moved(first, found, (low, high)), first, rms, self._asked, self._unrested)
+
+    def _scene(self, capture: Capture, pose: Array, usual_m: float) -> SimulationScene:
+        """A capture as the simulator sees it, without effects."""
+        cell = cell_size(capture.setup.sample_size_m, self._resolution_m)
+        return SimulationScene(
+            as_simulated(capture.id, capture.setup, cell),
+            camera=capture.camera,
+            pose=pose_rows(pose),
+            sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3]), usual_m),
+        )
+
+    def _with_effects(self, scene: SimulationScene, number: int) -> SimulationScene:
+        """The same with effects; those that differ from repeat to repeat have another seed in each."""
+        effects = tuple(
+            effect.model_copy(update={"size": {**effect.size, "seed": float(number + 1)}})
+            if get_effect(effect.name).random_repeats
+            else effect
+            for effect in self.extension.effects
+        )
+        return self.extension.model_copy(update={"effects": effects}).apply(scene)
+
+    def _says(self, fabric: str, density: float, logs: Array) -> Array:
+        """What the network says of simulated captures of a cloth, both in ln p, [6]."""
+        six = dict(zip(ESTIMATED_NAMES, map(float, np.exp(logs)), strict=True))
+        cloth = FabricParameters.from_mapping({**six, "density": density})
+        seen: dict[Scene | str, list[NetworkInput]] = {}
+        for scene in Scene:
+            own = [shown for shown in self._shown[fabric] if shown.setup.scene is scene]
+            for number in range(BASE_SEEDS[scene.value] if own else 0):
+                seen.setdefault(scene, []).append(self._capture(fabric, cloth, own[number % len(own)], number))
+        try:
+            return _logs(self.estimator.estimate(seen, density).parameters)
+        except InputError as error:
+            raise InputError(f"fabric {fabric!r} simulated with the effects on: {error}", code=error.code) from None
+
+    def _capture(self, fabric: str, cloth: FabricParameters, shown: SimulationScene, number: int) -> NetworkInput:
+        """A simulated capture as the network sees it, which takes it for one without effects."""
+        scene = self._with_effects(shown, number)
+        cell = cell_size(scene.setup.sample_size_m, self._resolution_m)
+        mesh = GridMesh(cell, scene.setup.sample_size_m)
+        found = self.simulator.put_up(mesh, cloth, scene, seed=number, jitter=BASE_JITTER)
+        drape = found.drape
+        self._asked += 1
+        self._unrested += not drape.ok
+        if not is_finite(found):
+            raise SimulationError(
+                f"fabric {fabric!r} cannot be simulated in {scene.setup.scene.value} with the effects on "
+                f"({drape.reason or drape.status.value}): check their sizes",
+                code="effects_diverged",
+            )
+        depth = scene.sensor.apply(picture_of(drape, scene), np.random.default_rng(number), camera=scene.camera)
+        try:
+            return normalise_depth(depth, shown.camera, shown.camera_from_panel, shown.setup)
+        except InputError as error:
+            raise InputError(f"fabric {fabric!r} simulated with the effects on: {error}", code=error.code) from None
+
+
+def _logs(parameters: Mapping[str, float]) -> Array:
+    return np.log([parameters[name] for name in ESTIMATED_NAMES])
+
+
+def _moved(first: Estimate, found: Array, bounds: tuple[Array, Array]) -> Estimate:
+    """An estimate at other parameters, in ln p; its intervals move with it, and widen by what they move."""
+    moved = found - _logs(first.parameters)
+    intervals = {}
+    for name, centre, by, low, high in zip(ESTIMATED_NAMES, found, moved, *bounds, strict=True):
+        wide = INTERVAL_90 * UNSURE * by
+        below, above = (math.hypot(math.log(end / first.parameters[name]), wide) for end in first.intervals_90[name])
+        intervals[name] = (math.exp(max(centre - below, low)), math.exp(min(centre + above, high)))
+    parameters = dict(zip(ESTIMATED_NAMES, map(float, np.exp(found)), strict=True))
+    return replace(first, parameters=parameters, intervals_90=intervals)
