@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from capture.capture_set import Capture, CaptureSet
 from capture.normalise import NetworkInput, normalise_depth
 from capture.prepare import PreparedCapture
-from diagnosis.afresh.fresh import is_finite
+from diagnosis.afresh.fresh import is_finite, moves_camera
 from diagnosis.effects import get_effect
 from diagnosis.extension import SimulatorExtension
+from diagnosis.groups import group_of
 from diagnosis.measurement.picture import picture_of
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.simulation.simulator import Simulator
@@ -80,8 +81,13 @@ class IndirectEstimator:
         simulator: of drapes.
         resolution_m: wanted edge of a mesh cell.
 
+    Attributes:
+        in_poses: names of effects that are not simulated for captures whose pose was found in their pictures: what they
+            do to the panel's picture is in that pose.
+
     Raises:
-        InputError: captures that cannot be simulated, with the effects or without.
+        InputError: captures that cannot be simulated, with the effects or without, or no effect that is not in the
+            poses.
     """
 
     def __init__(
@@ -94,21 +100,23 @@ class IndirectEstimator:
         resolution_m: float = 0.01,
     ) -> None:
         check_set_ups(captures, resolution_m)
-        self.extension, self.estimator, self.simulator = extension, estimator, simulator
+        self.estimator, self.simulator = estimator, simulator
         self._resolution_m = resolution_m
         self._asked = self._unrested = 0
         self._inputs: dict[str, dict[Scene | str, list[NetworkInput]]] = {}
+        self.in_poses: tuple[str, ...] = ()
         posed: list[tuple[Capture, Array]] = []
         for one in prepared:
             seen = self._inputs.setdefault(one.capture.fabric.id, {})
             seen.setdefault(one.capture.scene, []).append(one.network_input)
             posed.append((one.capture, one.registration.camera_from_panel))
         usual_m = usual_distance(pose for _, pose in posed)
-        self._shown: dict[str, list[SimulationScene]] = {}
+        self._shown: dict[str, list[_Shown]] = {}
         for capture, pose in posed:
-            scenes = self._shown.setdefault(capture.fabric.id, [])
-            scenes.append(self._scene(capture, pose, usual_m))
-            self._with_effects(scenes[-1], 0)  # what cannot be applied is told now
+            own = extension if capture.camera_from_panel is not None else self._beside_poses(extension)
+            shown = _Shown(self._scene(capture, pose, usual_m), own)
+            shown.with_effects(0)  # what cannot be applied is told now
+            self._shown.setdefault(capture.fabric.id, []).append(shown)
 
     def estimate(self, fabric: str, density: float) -> IndirectEstimate:
         """Estimate one fabric.
@@ -142,15 +150,17 @@ class IndirectEstimator:
             sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3]), usual_m),
         )
 
-    def _with_effects(self, scene: SimulationScene, number: int) -> SimulationScene:
-        """The same with effects; those that differ from repeat to repeat have another seed in each."""
-        effects = tuple(
-            effect.model_copy(update={"size": {**effect.size, "seed": float(number + 1)}})
-            if get_effect(effect.name).random_repeats
-            else effect
-            for effect in self.extension.effects
-        )
-        return self.extension.model_copy(update={"effects": effects}).apply(scene)
+    def _beside_poses(self, extension: SimulatorExtension) -> SimulatorExtension:
+        """What of the effects is not in a pose that was found in pictures."""
+        left = tuple(effect for effect in extension.effects if not _moves_panel(effect.name))
+        self.in_poses = tuple(effect.name for effect in extension.effects if effect not in left)
+        if not left and extension.pin_radius_m is None:
+            raise InputError(
+                f"{' and '.join(self.in_poses)}: the poses were found in the pictures, which have that in them; state "
+                "camera_from_panel in the capture set, or estimate without effects",
+                code="effects_in_poses",
+            )
+        return extension.model_copy(update={"effects": left})
 
     def _says(self, fabric: str, density: float, logs: Array) -> Array:
         """What the network says of simulated captures of a cloth, both in ln p, [6]."""
@@ -158,7 +168,7 @@ class IndirectEstimator:
         cloth = FabricParameters.from_mapping({**six, "density": density})
         seen: dict[Scene | str, list[NetworkInput]] = {}
         for scene in Scene:
-            own = [shown for shown in self._shown[fabric] if shown.setup.scene is scene]
+            own = [shown for shown in self._shown[fabric] if shown.scene.setup.scene is scene]
             for number in range(BASE_SEEDS[scene.value] if own else 0):
                 seen.setdefault(scene, []).append(self._capture(fabric, cloth, own[number % len(own)], number))
         try:
@@ -166,9 +176,9 @@ class IndirectEstimator:
         except InputError as error:
             raise InputError(f"fabric {fabric!r} simulated with the effects on: {error}", code=error.code) from None
 
-    def _capture(self, fabric: str, cloth: FabricParameters, shown: SimulationScene, number: int) -> NetworkInput:
+    def _capture(self, fabric: str, cloth: FabricParameters, shown: _Shown, number: int) -> NetworkInput:
         """A simulated capture as the network sees it, which takes it for one without effects."""
-        scene = self._with_effects(shown, number)
+        stated, scene = shown.scene, shown.with_effects(number)
         cell = cell_size(scene.setup.sample_size_m, self._resolution_m)
         mesh = GridMesh(cell, scene.setup.sample_size_m)
         found = self.simulator.put_up(mesh, cloth, scene, seed=number, jitter=BASE_JITTER)
@@ -183,9 +193,32 @@ class IndirectEstimator:
             )
         depth = scene.sensor.apply(picture_of(drape, scene), np.random.default_rng(number), camera=scene.camera)
         try:
-            return normalise_depth(depth, shown.camera, shown.camera_from_panel, shown.setup)
+            return normalise_depth(depth, stated.camera, stated.camera_from_panel, stated.setup)
         except InputError as error:
             raise InputError(f"fabric {fabric!r} simulated with the effects on: {error}", code=error.code) from None
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A capture as the simulator sees it: the scene without effects, and those that it shows."""
+
+    scene: SimulationScene
+    extension: SimulatorExtension
+
+    def with_effects(self, number: int) -> SimulationScene:
+        """The scene with the effects on; those that differ from repeat to repeat have another seed in each."""
+        effects = tuple(
+            effect.model_copy(update={"size": {**effect.size, "seed": float(number + 1)}})
+            if get_effect(effect.name).random_repeats
+            else effect
+            for effect in self.extension.effects
+        )
+        return self.extension.model_copy(update={"effects": effects}).apply(self.scene)
+
+
+def _moves_panel(name: str) -> bool:
+    """The effect, or one that is declared inseparable from it, has the panel seen elsewhere than it is."""
+    return any(moves_camera(twin) for twin in group_of(name))
 
 
 def _logs(parameters: Mapping[str, float]) -> Array:

@@ -69,6 +69,8 @@ def estimate(
         inputs = inputs_by_fabric(heard)
     else:
         indirect = _indirect(captures, heard, extension, estimator)
+        if indirect.in_poses:
+            console.note(f"{', '.join(indirect.in_poses)}: not simulated where poses were found, which have it in them")
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from capture.capture_set import CaptureSet
+from capture.capture_set import CAPTURES_FILE, CaptureSet
 from capture.normalise import NetworkInput, normalise_depth
 from capture.prepare import prepare_all
 from diagnosis import indirect_estimate as module
@@ -166,6 +168,42 @@ def test_effects_of_no_use_to_a_capture_are_refused_before_anything_is_simulated
     monkeypatch.setattr(Simulator, "put_up", lambda *_, **__: pytest.fail("simulated"))
     with pytest.raises(InputError, match="panel_tilt 95 is out of range"):
         make("panel_tilt=95")
+
+
+def test_what_is_in_poses_that_were_found_is_not_simulated_again(
+    captures: CaptureSet, network: Estimator, shelf: DrapeCache, tmp_path: Path
+) -> None:
+    """A turned camera turns the pose that is found; a draft does not."""
+    shutil.copytree(captures.folder, tmp_path / "set")
+    path = tmp_path / "set" / CAPTURES_FILE
+    document = json.loads(path.read_text())
+    document["setup"]["camera_from_panel"] = None
+    path.write_text(json.dumps(document))
+    unposed = CaptureSet.load(tmp_path / "set")
+
+    def make(*texts: str) -> IndirectEstimator:
+        ready = prepare_all(unposed.captures)
+        return IndirectEstimator(unposed, ready, extension(*texts), network, Simulator(shelf), CELL_M)
+
+    both = make("camera_rotation=rx:1,ry:0,rz:0", "depth_bias=0.005", "air_draft=0.2")
+    assert both.in_poses == ("camera_rotation", "depth_bias")
+    for shown in (one for some in both._shown.values() for one in some):
+        seen = shown.with_effects(0)
+        assert (
+            seen.pose == shown.scene.pose
+            and seen.sensor == shown.scene.sensor
+            and seen.mechanics != shown.scene.mechanics
+        )
+    with pytest.raises(InputError, match=r"camera_rotation: .*state camera_from_panel") as caught:
+        make("camera_rotation=rx:1,ry:0,rz:0")
+    assert caught.value.code == "effects_in_poses"
+
+
+def test_poses_that_are_stated_leave_every_effect(make: Make) -> None:
+    turned = make("camera_rotation=rx:1,ry:0,rz:0")
+    assert turned.in_poses == ()
+    for shown in (one for some in turned._shown.values() for one in some):
+        assert shown.with_effects(0).pose != shown.scene.pose
 
 
 def test_a_simulation_that_shows_the_network_nothing_is_told(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
