@@ -54,6 +54,7 @@ class Forecast:
             where a capture's folds are missed at first; without what goes on from nearer folds once such are found.
         ready: fabrics whose base states are already at hand.
         fabrics: of the set.
+        estimated: parameters are, so that a named effect brings a second round.
     """
 
     simulations: int
@@ -62,13 +63,15 @@ class Forecast:
     most_seconds: float
     ready: int
     fabrics: int
+    estimated: bool = False
 
     def sentence(self) -> str:
         """For the user, before the work."""
+        again = ", and where an effect is named, with which parameters are estimated again" if self.estimated else ""
         return (
             f"{self.simulations} to {self.most_simulations} simulations, {self.seconds:.0f} to {self.most_seconds:.0f} "
             "CPU seconds, by how many fold states the captures show (twice that where magnets hold the cloth otherwise "
-            "than stated); "
+            f"than stated{again}); "
             f"the atlas holds {self.ready} of {self.fabrics} fabrics"
         )
 
@@ -167,7 +170,8 @@ def forecast(tasks: Sequence[FabricTask], cache: DrapeCache) -> Forecast:
             most += (bases + missed, len(own) * (one + beside) + tried, len(own) * (1 + further + again) + missed)
     each = np.array([SECONDS_A_BASE, SECONDS_A_VARIATION, SECONDS_A_SEARCH])
     totals = [(int(number.sum()), float(number @ each)) for number in (counts, most)]
-    return Forecast(*totals[0], *totals[1], ready, len(tasks))
+    estimated = len(tasks) > 1 and any(task.estimated for task in tasks)
+    return Forecast(*totals[0], *totals[1], ready, len(tasks), estimated)
 
 
 def _variations(effects: Sequence[str], scene: str, pins: int) -> int:

@@ -22,12 +22,15 @@ from diagnosis.afresh.refinement import look_again
 from diagnosis.afresh.second import look_for_second
 from diagnosis.afresh.through import look_through
 from diagnosis.afresh.together import look_together
+from diagnosis.anew import estimated_anew, says_more
 from diagnosis.atlas import forecast
 from diagnosis.cause_report import cause_report
 from diagnosis.effects import catalogue, get_effect
+from diagnosis.extension import SimulatorExtension
 from diagnosis.gap.detection import detect
 from diagnosis.gap.where import where_gaps
-from diagnosis.inference.block import Block, PixelBlock, make_block, make_pixel_block
+from diagnosis.gathering import all_alike, cost_of, half_estimated, make_blocks, make_pixels, said_of_states
+from diagnosis.inference.block import Block, PixelBlock
 from diagnosis.inference.cause import Cause, name_cause
 from diagnosis.inference.granted import likeliest
 from diagnosis.inference.likelihood import LikelihoodModel
@@ -42,8 +45,7 @@ from diagnosis.shrinkage.splits import folds_of
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Cost, Simulator
 from diagnosis.steps import LOOKS, UNTOLD, Steps, Told
-from diagnosis.tasks.enough import partly_seen
-from diagnosis.tasks.fabric_task import FabricResult, explain_fabric, not_at_rest
+from diagnosis.tasks.fabric_task import FabricResult, explain_fabric
 from diagnosis.tasks.preparation import prepare_tasks
 from diagnosis.version import MODEL_VERSION
 from diagnosis.workers import ALONE, Workers
@@ -94,7 +96,8 @@ class Diagnosis:
 
     Attributes:
         pin_radius_m: of magnets that turned out to hold otherwise than stated; None where they hold as stated.
-        spent: on simulations with magnets that turned out to hold otherwise.
+        spent: on simulations with magnets that turned out to hold otherwise, and with other estimates.
+        given: in words, what had to be assumed before fabrics were simulated, and how their magnets hold.
     """
 
     report: GapReport
@@ -107,10 +110,24 @@ class Diagnosis:
     looks: Mapping[str, FreshLook] = field(default_factory=dict)
     pin_radius_m: float | None = None
     spent: Cost = field(default_factory=Cost)
+    given: tuple[str, ...] = ()
+
+    def having_spent(self, more: Cost, began: float, said: tuple[str, ...]) -> Diagnosis:
+        """With what was simulated beside it since the work ``began`` (monotonic), and what is to be said of that."""
+        spent = Cost()
+        for one in (self.spent, more):
+            spent.add(one)
+        found = replace(self, spent=spent, assumed=(*self.assumed, *said)).recounted()
+        cost = found.report.cost.model_copy(update={"seconds": round(time.monotonic() - began, 2)})
+        return replace(found, report=found.report.model_copy(update={"cost": cost, "assumed": found.assumed}))
+
+    def cost_in_all(self) -> Cost:
+        """Of all simulations that it rests on or that led to it."""
+        return cost_of(self.results, self.looks, self.spent)
 
     def recounted(self) -> Diagnosis:
         """With what was simulated since the report was made, for its pictures, in its cost."""
-        cost = _cost(self.results, self.looks, self.spent)
+        cost = self.cost_in_all()
         told = self.report.cost.model_copy(
             update={
                 "simulations": cost.simulations,
@@ -152,7 +169,7 @@ def diagnose(
     kept = cache or DrapeCache.default()
     if on_forecast is not None:
         on_forecast(forecast(tasks, kept).sentence())
-    steps = Steps(on_step, len(tasks))
+    steps = Steps(on_step, len(tasks), rounds=1 + any(task.estimated for task in tasks))
     steps.begin()
     with Workers(min(options.workers, len(tasks))) as workers:
         results = workers.map(partial(explain_fabric, cache=kept), tasks, steps.fabric)
@@ -161,16 +178,32 @@ def diagnose(
             before, results = results, workers.map(partial(explain_fabric, cache=kept), found)
             for result, first in zip(results, before, strict=True):
                 result.cost.add(first.cost)
-        return conclude(
-            results,
-            effects,
-            tuple(assumed),
-            began,
+        answer = partial(
+            conclude,
+            effects=effects,
+            began=began,
             cache=kept if options.afresh else None,
             lpips=options.lpips,
             workers=workers,
             steps=steps,
         )
+        answered = answer(results, assumed=tuple(assumed))
+        estimated = [result.task.id for result in results if result.task.estimated]
+        if not (options.afresh and answered.cause.named and estimated and len(results) > 1):
+            return answered
+        steps.again()
+        extension = SimulatorExtension.of(answered.report, answered.pin_radius_m)
+        anew = estimated_anew(captures, [r.task for r in answered.results], extension, kept, options.resolution_m)
+        if not anew.tasks:
+            return answered.having_spent(anew.cost, began, anew.said)
+        results = workers.map(partial(explain_fabric, cache=kept), anew.tasks)
+        spent = answered.cost_in_all()
+        spent.add(anew.cost)
+        again = answer(results, assumed=(*answered.given, *anew.said), spent=spent)
+        if says_more(again.report, answered.report):
+            return replace(again, pin_radius_m=answered.pin_radius_m)
+        lost = cost_of(again.results, again.looks, anew.cost)
+        return answered.having_spent(lost, began, ("parameters estimated again with what is named came no nearer",))
 
 
 def conclude(
@@ -183,6 +216,7 @@ def conclude(
     lpips: bool = False,
     workers: Workers = ALONE,
     steps: Steps = UNTOLD,
+    spent: Cost | None = None,
 ) -> Diagnosis:
     """From simulations to the report.
 
@@ -195,12 +229,13 @@ def conclude(
         lpips: measure the shrinkage in LPIPS, too; needs ``cache``.
         workers: that simulate fabrics side by side.
         steps: told how far it is.
+        spent: on a first round, which has settled how magnets hold; None: this is the first.
     """
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]  # it ships no type information
 
     with threadpool_limits(1):  # small matrices: more threads cost more than they give
         looks = {} if cache is None else {r.task.id: FreshLook(Simulator(cache), r) for r in results}
-        return _Conclusion(effects, workers, steps).of(list(results), looks, assumed, began, lpips)
+        return _Conclusion(effects, workers, steps).of(list(results), looks, assumed, began, lpips, spent)
 
 
 @dataclass(frozen=True)
@@ -230,7 +265,11 @@ class _Conclusion:
         lpips: bool,
         spent: Cost | None = None,
     ) -> Diagnosis:
-        """The whole report; ``spent``: what was simulated for it with magnets that turned out to hold otherwise."""
+        """The whole report.
+
+        ``spent``: what was simulated for it with magnets that turned out to hold otherwise, or with first estimates.
+        """
+        given = assumed
         noise = replace(self.noise, pin_m=pin_scatter([c for r in results for c in r.captures], self.noise))
         name = once(partial(self.name, noise=noise))
         pin = False
@@ -244,8 +283,8 @@ class _Conclusion:
             pin = outdone_by_a_pin(looks, name(results), self.effects, scene, self.workers)
         cause = name(results).outdone() if pin else name(results)
         noise = cause.errors
-        blocks, pixels = make_blocks(results, noise), _pixels(results, noise)
-        close = _all_alike(noise)
+        blocks, pixels = make_blocks(results, noise), make_pixels(results, noise)
+        close = all_alike(noise)
         weighed = make_blocks(results, close)
         folds = [
             replace(fold, rest=own.rest)
@@ -257,15 +296,15 @@ class _Conclusion:
             return measure_shrinkage(of, self.effects, folds, pixels, self.model, judge, known=known, without=without)
 
         self.steps.measure()
-        cause, measured = judged(cause, measure, estimated=_half_estimated(results))
-        assumed = (*assumed, *_of_states(results))  # of those that the answer rests on
+        cause, measured = judged(cause, measure, estimated=half_estimated(results))
+        assumed = (*assumed, *said_of_states(results))  # of those that the answer rests on
         if measured is not None:
             assumed = (*assumed, *not_at_rest_with(measured.held, looks))
         if cause.named and measured is None:
             assumed = (*assumed, "one capture alone: none is held out, so how far the gap shrinks was not measured")
         shrinkage = None if measured is None else complete(measured, looks, lpips=lpips)
         before = spent or Cost()
-        cost = _cost(results, looks, before)
+        cost = cost_of(results, looks, before)
         assumed = (*assumed, *cost.cut_short())
         report = GapReport(
             gap=detect(blocks, pixels, cause, self.model),
@@ -283,7 +322,9 @@ class _Conclusion:
             assumed=assumed,
         )
         left_out = () if measured is None else measured.held
-        return Diagnosis(report, tuple(results), tuple(blocks), cause, pixels, assumed, left_out, looks, spent=before)
+        return Diagnosis(
+            report, tuple(results), tuple(blocks), cause, pixels, assumed, left_out, looks, spent=before, given=given
+        )
 
     def _looked_at(
         self, looks: dict[str, FreshLook], name: Name, scene: str, noise: NoiseModel, *, grip: bool
@@ -327,15 +368,15 @@ class _Conclusion:
         new = {r.task.id: FreshLook(Simulator(cache), r) for r in again}
         other = again[0].task.captures[0].scene.setup.pin_radius_m
         said = (*assumed, held.sentence(stated, other))
-        found = self.of(again, new, said, began, lpips, spent=_cost(results, looks, Cost()))
+        found = self.of(again, new, said, began, lpips, spent=cost_of(results, looks, Cost()))
         return replace(found, pin_radius_m=other)
 
     def name(self, results: Sequence[FabricResult], noise: NoiseModel) -> Cause:
         """All explanations weighed, two effects together included, under the errors that the captures make likely."""
 
         def weigh(errors: NoiseModel) -> Cause:
-            blocks = make_blocks(results, _all_alike(errors))
-            return name_cause(self.effects, blocks, _pixels(results, errors), self.model)
+            blocks = make_blocks(results, all_alike(errors))
+            return name_cause(self.effects, blocks, make_pixels(results, errors), self.model)
 
         return likeliest(weigh, noise)
 
@@ -344,54 +385,8 @@ class _Conclusion:
 
         Nor are errors taken for smaller than usual, since those of coarse responses are not.
         """
-        blocks, pixels = make_blocks(results, _all_alike(noise)), _pixels(results, noise)
+        blocks, pixels = make_blocks(results, all_alike(noise)), make_pixels(results, noise)
         if beside is not None:
             blocks = [without(block, *beside) for block in blocks]
             pixels = pixels_without(pixels, *beside)
         return name_cause(self.effects, blocks, pixels, replace(self.model, moved_stretch=ROUGH), pairs=False)
-
-
-def _half_estimated(results: Sequence[FabricResult]) -> bool:
-    """Parameters of half of the fabrics or more are estimated from the captures."""
-    return 2 * sum(result.task.estimated for result in results) >= len(results)
-
-
-def _all_alike(noise: NoiseModel) -> NoiseModel:
-    """Errors beside how magnets hold, which explanations are averaged over for all fabrics alike."""
-    return replace(noise, grip_alike=True)
-
-
-def make_blocks(results: Sequence[FabricResult], noise: NoiseModel) -> list[Block]:
-    """Fabric by fabric, scene by scene."""
-    return [
-        make_block(
-            [c for c in result.captures if c.scene == scene],
-            result.task.relative_sigma,
-            noise,
-            result.task.parameters.density,
-        )
-        for result in results
-        for scene in ("hanging", "stretch")
-        if any(c.scene == scene for c in result.captures)
-    ]
-
-
-def _pixels(results: Sequence[FabricResult], noise: NoiseModel) -> PixelBlock:
-    return make_pixel_block([c for r in results for c in r.captures], noise)
-
-
-def _of_states(results: Sequence[FabricResult]) -> list[str]:
-    """What has to be said of captures and of the states that stand for them."""
-    return [
-        *partly_seen({c.id: (c.measured, c.reference) for r in results for c in r.captures}),
-        *not_at_rest(results),
-    ]
-
-
-def _cost(results: Sequence[FabricResult], looks: Mapping[str, FreshLook], before: Cost) -> Cost:
-    """Of all simulations, ``before`` and since."""
-    cost = Cost()
-    cost.add(before)
-    for account in (*(r.cost for r in results), *(look.simulator.cost for look in looks.values())):
-        cost.add(account)
-    return cost

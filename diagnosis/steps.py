@@ -19,10 +19,12 @@ class Steps:
     Args:
         told: who is told; None: nobody.
         fabrics: how many there are.
+        rounds: how many there may be.
     """
 
-    def __init__(self, told: Told | None = None, fabrics: int = 0) -> None:
+    def __init__(self, told: Told | None = None, fabrics: int = 0, rounds: int = 1) -> None:
         self._told = told
+        self._rounds, self._round = rounds, 0
         self._fabrics, self._explained = fabrics, 0
         self._done = 0.0
 
@@ -44,9 +46,14 @@ class Steps:
         """The shrinkage is measured."""
         self._tell(1.0 - (1.0 - FIRST_LOOK) / (LOOKS + 1), "how far the gap shrinks")
 
+    def again(self) -> None:
+        """A round is done, and there is one more, with other estimates."""
+        self._round += 1
+        self._tell(0.0, "parameters estimated again")
+
     def _tell(self, done: float, what: str) -> None:
         if self._told is not None:
-            self._done = max(self._done, done)
+            self._done = max(self._done, (self._round + done) / self._rounds)
             self._told(self._done, what)
 
 

@@ -68,13 +68,6 @@ STAGE_CHECKS: Mapping[StageName, str] = MappingProxyType(
 )
 
 
-AGAIN = (
-    " Or diagnose with --apply, and state what drapemeter estimate --simulator makes of these captures with what was "
-    "found in its simulations."
-)
-"""Where parameters were estimated and effects are named."""
-
-
 def advice(diagnosis: Diagnosis) -> list[str]:
     """What a user can do next, the most useful first; never empty."""
     report = diagnosis.report
@@ -96,7 +89,6 @@ def advice(diagnosis: Diagnosis) -> list[str]:
         lines.append(
             f"State the parameters{of} as measured, or as estimated from captures without the effect: estimated from "
             "these, they hold a part of what is missing, and a second effect may stand for that."
-            + (AGAIN if cause.effects else "")
         )
     if unstretched:
         some = "" if len(unstretched) == len(diagnosis.results) else f" of {', '.join(unstretched)}"

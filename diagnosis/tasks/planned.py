@@ -10,7 +10,8 @@ from capture.capture_set import Capture, CaptureSet
 from diagnosis.scene import SimulationScene, pose_rows
 from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
 from diagnosis.tasks.meshing import cell_size
-from diagnosis.tasks.preparation import not_stated, prepare_tasks, recut, sensor_known, stated_parameters
+from diagnosis.tasks.parameters import stated_parameters
+from diagnosis.tasks.preparation import not_stated, prepare_tasks, recut, sensor_known
 from diagnosis.tasks.put_up import as_simulated, in_order
 from diagnosis.tasks.sensors import sensor_model, usual_distance
 from simcore.errors import InputError

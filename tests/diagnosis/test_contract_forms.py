@@ -18,15 +18,14 @@ from diagnosis import synthesis
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.tasks.fabric_task import FabricTask
-from diagnosis.tasks.preparation import (
+from diagnosis.tasks.parameters import (
     FOREIGN_SPREAD,
     LEAST_ESTIMATED_SIGMA,
     TYPICAL_DENSITY_KG_M2,
     UNKNOWN_DENSITY_SIGMA,
     UNKNOWN_SIGMA,
-    not_stated,
-    prepare_tasks,
 )
+from diagnosis.tasks.preparation import not_stated, prepare_tasks
 from renderer.camera import CANONICAL_CAMERA
 from renderer.depth_png import write_depth_png
 from renderer.sensor import SensorModel

@@ -57,9 +57,7 @@ def test_of_a_named_effect_it_is_said_how_to_make_sure_of_it_and_what_then() -> 
 def test_parameters_that_were_estimated_from_these_captures_are_asked_for() -> None:
     """Not where nothing is missing: they are good then."""
     assert "State the parameters as measured" in advised(report("panel_tilt"), estimated=2)
-    assert "drapemeter estimate --simulator" in advised(report("panel_tilt"), estimated=2)
     assert "State the parameters of f1 as measured" in advised(report("unknown"), estimated=1)
-    assert "drapemeter estimate" not in advised(report("unknown"), estimated=1)
     assert "State the parameters" not in advised(report("panel_tilt")) + advised(report("none"), estimated=2)
 
 

@@ -16,8 +16,9 @@ from diagnosis.isolability import Isolability, analyse
 from diagnosis.remedies import remedy
 from diagnosis.separation import Separation
 from diagnosis.simulation.drape_cache import DrapeCache
+from diagnosis.tasks.parameters import TYPICAL_DENSITY_KG_M2
 from diagnosis.tasks.planned import planned_tasks
-from diagnosis.tasks.preparation import TYPICAL_DENSITY_KG_M2, prepare_tasks
+from diagnosis.tasks.preparation import prepare_tasks
 from simcore.errors import InputError
 from tests.diagnosis.conftest import MakeSet
 

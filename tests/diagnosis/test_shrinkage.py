@@ -11,8 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from capture.capture_set import CaptureSet
-from diagnosis.diagnose import Diagnosis, make_blocks
+from diagnosis.diagnose import Diagnosis
 from diagnosis.gap.floor import repeat_squares
+from diagnosis.gathering import make_blocks
 from diagnosis.inference.block import PixelBlock
 from diagnosis.inference.cause import Cause
 from diagnosis.inference.evidence import Evidence
