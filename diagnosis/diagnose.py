@@ -22,7 +22,7 @@ from diagnosis.afresh.refinement import look_again
 from diagnosis.afresh.second import look_for_second
 from diagnosis.afresh.through import look_through
 from diagnosis.afresh.together import look_together
-from diagnosis.anew import estimated_anew, says_more
+from diagnosis.anew import NO_MORE, estimated_anew, says_more
 from diagnosis.atlas import forecast
 from diagnosis.cause_report import cause_report
 from diagnosis.effects import catalogue, get_effect
@@ -203,7 +203,7 @@ def diagnose(
         if says_more(again.report, answered.report):
             return replace(again, pin_radius_m=answered.pin_radius_m)
         lost = cost_of(again.results, again.looks, anew.cost)
-        return answered.having_spent(lost, began, ("parameters estimated again with what is named came no nearer",))
+        return answered.having_spent(lost, began, (NO_MORE,))
 
 
 def conclude(
