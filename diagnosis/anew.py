@@ -22,8 +22,8 @@ WORTH = 0.5
 """Where no estimate moves by more than so many of its standard deviations everything stays as it is."""
 
 NO_MORE = (
-    "with parameters estimated again, what is named in the simulations, something else is named or held-out captures "
-    "come no nearer: the answer is that of the first estimates"
+    "parameters were estimated again with what is named in the simulations; with these something else is named, or "
+    "held-out captures come no nearer, so that the answer is that of the first estimates"
 )
 """Said of a second round that does not answer."""
 

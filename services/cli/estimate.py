@@ -46,7 +46,8 @@ def estimate(
     What speaks against the poses that were found in its pictures is noted below it.
 
     With --simulator some dozen simulations a fabric, with the effects that a diagnosis found in the same rig, are shown
-    to the same network, and the parameters are sought of which it says the same as of the captures.
+    to the same network, and the parameters are sought of which it says the same as of the captures; intervals widen by
+    what the estimates move.
 
     \b
     Example:
@@ -78,6 +79,8 @@ def estimate(
             found = simulated.estimate if simulated else estimator.estimate_named(fabric_id, inputs[fabric_id], value)
             fabrics.append((fabric_id, value, found, notes.of_fabric(fabric_id), simulated))
             bar.advance()
+    if extension is not None:
+        indirect.simulator.cache.trim()
     if density is not None and (stated := [n for n in densities if captures.fabrics[n].density is not None]):
         console.note(f"--density is not used for {', '.join(stated)}: the set states it")
     if json_output:
