@@ -2,8 +2,8 @@
 
     python bench/bench_indirect.py CHECK case-001 case-002 ... [--off 0.15]
 
-CHECK is a folder of `drapemeter blind make` whose labels may be opened. Parameters are withheld; the effects' sizes are
-given off by a factor drawn log-normally, as those that a diagnosis finds are off.
+CHECK is a folder of `drapemeter blind make` whose labels may be opened. The stated parameters are not looked at; the
+effects' sizes are given off by a factor drawn log-normally, as those that a diagnosis finds are off.
 """
 
 from __future__ import annotations

@@ -70,10 +70,10 @@ def estimated_anew(
         for task in (task for task in tasks if task.estimated):
             estimate = indirect.estimate(task.id, task.parameters.density).estimate
             moved = [math.log(estimate.parameters[n] / getattr(task.parameters, n)) for n in ESTIMATED_NAMES]
+            known = task.relative_sigma[len(ESTIMATED_NAMES) :]
             worth |= any(abs(m) > WORTH * s for m, s in zip(moved, task.relative_sigma, strict=False))
             parameters = FabricParameters.from_mapping({**estimate.parameters, "density": task.parameters.density})
-            sigma = (*uncertainty(estimate), *task.relative_sigma[len(ESTIMATED_NAMES) :])
-            better[task.id] = replace(task, parameters=parameters, relative_sigma=sigma)
+            better[task.id] = replace(task, parameters=parameters, relative_sigma=(*uncertainty(estimate), *known))
             times = ", ".join(f"{n} {math.exp(m):.2g}" for n, m in zip(ESTIMATED_NAMES, moved, strict=True))
             said.append(f"fabric {task.id}: estimated again with {names} in the simulations, times the first: {times}")
     except (InputError, SimulationError) as error:

@@ -22,7 +22,7 @@ from diagnosis.afresh.refinement import look_again
 from diagnosis.afresh.second import look_for_second
 from diagnosis.afresh.through import look_through
 from diagnosis.afresh.together import look_together
-from diagnosis.anew import NO_MORE, estimated_anew, says_more
+from diagnosis.anew import NO_MORE, Anew, estimated_anew, says_more
 from diagnosis.atlas import forecast
 from diagnosis.cause_report import cause_report
 from diagnosis.effects import catalogue, get_effect
@@ -188,7 +188,7 @@ def diagnose(
             steps=steps,
         )
         answered = answer(results, assumed=tuple(assumed))
-        estimated = [result.task.id for result in results if result.task.estimated]
+        estimated = any(result.task.estimated for result in results)
         if not (options.afresh and answered.cause.named and estimated and len(results) > 1):
             return answered
         steps.again()
@@ -197,13 +197,17 @@ def diagnose(
         if not anew.tasks:
             return answered.having_spent(anew.cost, began, anew.said)
         results = workers.map(partial(explain_fabric, cache=kept), anew.tasks)
-        spent = answered.cost_in_all()
-        spent.add(anew.cost)
-        again = answer(results, assumed=(*answered.given, *anew.said), spent=spent)
-        if says_more(again.report, answered.report):
-            return replace(again, pin_radius_m=answered.pin_radius_m)
-        lost = cost_of(again.results, again.looks, anew.cost)
-        return answered.having_spent(lost, began, (NO_MORE,))
+        return _better(answered, anew, partial(answer, results), began)
+
+
+def _better(first: Diagnosis, anew: Anew, answer: Callable[..., Diagnosis], began: float) -> Diagnosis:
+    """What a second round answers, ``anew`` its fabrics, if that says more than the ``first``; else the first."""
+    spent = first.cost_in_all()
+    spent.add(anew.cost)
+    again = answer(assumed=(*first.given, *anew.said), spent=spent)
+    if says_more(again.report, first.report):
+        return replace(again, pin_radius_m=first.pin_radius_m)
+    return first.having_spent(cost_of(again.results, again.looks, anew.cost), began, (NO_MORE,))
 
 
 def conclude(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
@@ -86,6 +87,16 @@ class SimulatorExtension(BaseModel):
     def save(self, path: Path) -> None:
         """Write it, whole or not at all."""
         write_atomically(path, (self.model_dump_json(indent=1) + "\n").encode())
+
+    def seeded(self, draw: Callable[[str], float]) -> SimulatorExtension:
+        """For one repeat: effects that differ from repeat to repeat get the seed that ``draw`` gives for their name."""
+        effects = tuple(
+            effect.model_copy(update={"size": {**effect.size, "seed": draw(effect.name)}})
+            if get_effect(effect.name).random_repeats
+            else effect
+            for effect in self.effects
+        )
+        return self.model_copy(update={"effects": effects})
 
     def apply(self, scene: SimulationScene) -> SimulationScene:
         """A scene with the effects on, held as it says."""

@@ -19,16 +19,17 @@ from capture.capture_set import Capture, CaptureSet
 from capture.normalise import NetworkInput, normalise_depth
 from capture.prepare import PreparedCapture
 from diagnosis.afresh.fresh import is_finite, moves_camera
-from diagnosis.effects import get_effect
 from diagnosis.extension import SimulatorExtension
 from diagnosis.groups import group_of
 from diagnosis.measurement.picture import picture_of
-from diagnosis.scene import SimulationScene, pose_rows
+from diagnosis.scene import SimulationScene
 from diagnosis.simulation.simulator import Simulator
+from diagnosis.tasks.capture_scene import capture_scene
 from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS
 from diagnosis.tasks.meshing import cell_size
-from diagnosis.tasks.put_up import as_simulated, check_set_ups
-from diagnosis.tasks.sensors import sensor_model, usual_distance
+from diagnosis.tasks.parameters import INTERVAL_90
+from diagnosis.tasks.put_up import check_set_ups
+from diagnosis.tasks.sensors import usual_distance
 from simcore.errors import InputError, SimulationError
 from simcore.mesh import GridMesh
 from simcore.parameters import ESTIMATED_NAMES, LIMITS, FabricParameters
@@ -45,8 +46,6 @@ ROUNDING = 1e-6
 UNSURE = 1.0
 """So many standard deviations, as shares of it, does what an estimate moved by add to its own: steps do not reach what
 an effect hides."""
-INTERVAL_90 = 1.645
-"""Half a 90 % interval in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -101,20 +100,29 @@ class IndirectEstimator:
     ) -> None:
         check_set_ups(captures, resolution_m)
         self.estimator, self.simulator = estimator, simulator
-        self._resolution_m = resolution_m
         self._asked = self._unrested = 0
         self._inputs: dict[str, dict[Scene | str, list[NetworkInput]]] = {}
-        self.in_poses: tuple[str, ...] = ()
+        beside = tuple(effect for effect in extension.effects if not _moves_panel(effect.name))
         posed: list[tuple[Capture, Array]] = []
         for one in prepared:
             seen = self._inputs.setdefault(one.capture.fabric.id, {})
             seen.setdefault(one.capture.scene, []).append(one.network_input)
             posed.append((one.capture, one.registration.camera_from_panel))
         usual_m = usual_distance(pose for _, pose in posed)
+        unposed = [capture.id for capture, _ in posed if capture.camera_from_panel is None]
+        self.in_poses = tuple(effect.name for effect in extension.effects if unposed and effect not in beside)
+        if len(unposed) == len(posed) and not beside and extension.pin_radius_m is None:
+            raise InputError(
+                f"{' and '.join(self.in_poses)}: the poses were found in the pictures, which have that in them; state "
+                "camera_from_panel in the capture set, or estimate without effects",
+                code="effects_in_poses",
+            )
         self._shown: dict[str, list[_Shown]] = {}
         for capture, pose in posed:
-            own = extension if capture.camera_from_panel is not None else self._beside_poses(extension)
-            shown = _Shown(self._scene(capture, pose, usual_m), own)
+            effects = beside if capture.id in unposed else extension.effects
+            cell = cell_size(capture.setup.sample_size_m, resolution_m)
+            scene = capture_scene(capture, pose, cell, usual_m)
+            shown = _Shown(scene, extension.model_copy(update={"effects": effects}), cell)
             shown.with_effects(0)  # what cannot be applied is told now
             self._shown.setdefault(capture.fabric.id, []).append(shown)
 
@@ -140,28 +148,6 @@ class IndirectEstimator:
         rms = float(np.sqrt(np.mean(left**2)))
         return IndirectEstimate(_moved(first, found, (low, high)), first, rms, self._asked, self._unrested)
 
-    def _scene(self, capture: Capture, pose: Array, usual_m: float) -> SimulationScene:
-        """A capture as the simulator sees it, without effects."""
-        cell = cell_size(capture.setup.sample_size_m, self._resolution_m)
-        return SimulationScene(
-            as_simulated(capture.id, capture.setup, cell),
-            camera=capture.camera,
-            pose=pose_rows(pose),
-            sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3]), usual_m),
-        )
-
-    def _beside_poses(self, extension: SimulatorExtension) -> SimulatorExtension:
-        """What of the effects is not in a pose that was found in pictures."""
-        left = tuple(effect for effect in extension.effects if not _moves_panel(effect.name))
-        self.in_poses = tuple(effect.name for effect in extension.effects if effect not in left)
-        if not left and extension.pin_radius_m is None:
-            raise InputError(
-                f"{' and '.join(self.in_poses)}: the poses were found in the pictures, which have that in them; state "
-                "camera_from_panel in the capture set, or estimate without effects",
-                code="effects_in_poses",
-            )
-        return extension.model_copy(update={"effects": left})
-
     def _says(self, fabric: str, density: float, logs: Array) -> Array:
         """What the network says of simulated captures of a cloth, both in ln p, [6]."""
         six = dict(zip(ESTIMATED_NAMES, map(float, np.exp(logs)), strict=True))
@@ -179,8 +165,7 @@ class IndirectEstimator:
     def _capture(self, fabric: str, cloth: FabricParameters, shown: _Shown, number: int) -> NetworkInput:
         """A simulated capture as the network sees it, which takes it for one without effects."""
         stated, scene = shown.scene, shown.with_effects(number)
-        cell = cell_size(scene.setup.sample_size_m, self._resolution_m)
-        mesh = GridMesh(cell, scene.setup.sample_size_m)
+        mesh = GridMesh(shown.cell_m, scene.setup.sample_size_m)
         found = self.simulator.put_up(mesh, cloth, scene, seed=number, jitter=BASE_JITTER)
         drape = found.drape
         self._asked += 1
@@ -200,20 +185,15 @@ class IndirectEstimator:
 
 @dataclass(frozen=True)
 class _Shown:
-    """A capture as the simulator sees it: the scene without effects, and those that it shows."""
+    """A capture as the simulator sees it: the scene without effects, those that it shows, and the cells' edge [m]."""
 
     scene: SimulationScene
     extension: SimulatorExtension
+    cell_m: float
 
     def with_effects(self, number: int) -> SimulationScene:
-        """The scene with the effects on; those that differ from repeat to repeat have another seed in each."""
-        effects = tuple(
-            effect.model_copy(update={"size": {**effect.size, "seed": float(number + 1)}})
-            if get_effect(effect.name).random_repeats
-            else effect
-            for effect in self.extension.effects
-        )
-        return self.extension.model_copy(update={"effects": effects}).apply(self.scene)
+        """The scene with the effects on, in a repeat of this number."""
+        return self.extension.seeded(lambda _: float(number + 1)).apply(self.scene)
 
 
 def _moves_panel(name: str) -> bool:

@@ -29,6 +29,8 @@ camera or sensor."""
 STATED_SIGMA = 0.07
 """Relative uncertainty of parameters that a set states without saying how well they are known."""
 TYPICAL_DENSITY_KG_M2 = 0.2
+INTERVAL_90 = 1.645
+"""Half a 90 % interval in standard deviations."""
 
 
 def stated_parameters(
@@ -71,7 +73,9 @@ def stated_parameters(
 
 def uncertainty(found: Estimate) -> tuple[float, ...]:
     """Relative uncertainty of an estimate's six parameters."""
-    spread = [0.5 * math.log(high / low) / 1.645 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)]
+    spread = [
+        0.5 * math.log(high / low) / INTERVAL_90 for low, high in (found.intervals_90[n] for n in ESTIMATED_NAMES)
+    ]
     if found.out_of_distribution:
         spread = [max(value, UNKNOWN_SIGMA) for value in spread]
     return tuple(min(FOREIGN_SPREAD * max(value, LEAST_ESTIMATED_SIGMA), UNKNOWN_SIGMA) for value in spread)

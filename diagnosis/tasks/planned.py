@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from capture.capture_set import Capture, CaptureSet
-from diagnosis.scene import SimulationScene, pose_rows
+from diagnosis.tasks.capture_scene import capture_scene
 from diagnosis.tasks.fabric_task import CaptureTask, FabricTask
 from diagnosis.tasks.meshing import cell_size
 from diagnosis.tasks.parameters import stated_parameters
 from diagnosis.tasks.preparation import not_stated, prepare_tasks, recut, sensor_known
-from diagnosis.tasks.put_up import as_simulated, in_order
-from diagnosis.tasks.sensors import sensor_model, usual_distance
+from diagnosis.tasks.put_up import in_order
+from diagnosis.tasks.sensors import usual_distance
 from simcore.errors import InputError
 
 NAMED = 3
@@ -84,11 +84,6 @@ def _task(
 def _capture_task(capture: Capture, cell_m: float, usual_m: float) -> CaptureTask:
     assert capture.camera_from_panel is not None
     camera = capture.camera
-    scene = SimulationScene(
-        as_simulated(capture.id, capture.setup, cell_m),
-        camera=camera,
-        pose=pose_rows(capture.camera_from_panel),
-        sensor=sensor_model(capture.sensor, camera.depth_unit_m, float(capture.camera_from_panel[2, 3]), usual_m),
-    )
+    scene = capture_scene(capture, capture.camera_from_panel, cell_m, usual_m)
     nothing = np.zeros((camera.height, camera.width), dtype=np.float32)
     return CaptureTask(capture.id, capture.repeat, nothing, scene, sensor_known(capture))

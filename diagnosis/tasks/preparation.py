@@ -12,14 +12,15 @@ from capture.capture_set import Capture, CaptureSet
 from capture.prepare import PreparedCapture, prepare_all
 from capture.report import MAX_PIN_ERROR_M, at_border, pins_far
 from capture.setup import passed_over
-from diagnosis.scene import SimulationScene, pose_rows
+from diagnosis.scene import SimulationScene
 from diagnosis.simulation.pose_error import BY_CORNERS_M, BY_OUTLINE_M
+from diagnosis.tasks.capture_scene import capture_scene
 from diagnosis.tasks.enough import check_kept
 from diagnosis.tasks.fabric_task import STATED_DENSITY_SIGMA, CaptureTask, FabricTask
 from diagnosis.tasks.meshing import MOST_CHANGED, cell_size
 from diagnosis.tasks.parameters import STATED_SIGMA, stated_parameters
-from diagnosis.tasks.put_up import as_simulated, check_set_ups, in_order
-from diagnosis.tasks.sensors import sensor_model, sensors_passed_over, usual_distance
+from diagnosis.tasks.put_up import check_set_ups, in_order
+from diagnosis.tasks.sensors import sensors_passed_over, usual_distance
 from renderer.depth import panel_depth
 from simcore.errors import InputError
 from simcore.scenes import Scene
@@ -56,12 +57,7 @@ def prepare_tasks(
         for capture in own:
             ready = prepared[capture.id]
             pose = ready.registration.camera_from_panel
-            scene = SimulationScene(
-                as_simulated(capture.id, capture.setup, cell),
-                camera=capture.camera,
-                pose=pose_rows(pose),
-                sensor=sensor_model(capture.sensor, capture.camera.depth_unit_m, float(pose[2, 3]), usual_m),
-            )
+            scene = capture_scene(capture, pose, cell, usual_m)
             depth = _compared(ready, scene)
             off = pose_error(ready, prepared.values())
             items.append(CaptureTask(capture.id, capture.repeat, depth, scene, sensor_known(capture), off))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from capture.capture_set import CaptureSet
     from capture.prepare import PreparedCapture
     from diagnosis.extension import SimulatorExtension
-    from diagnosis.indirect_estimate import IndirectEstimate, IndirectEstimator
+    from diagnosis.indirect_estimate import IndirectEstimate
     from trainer.predict import Estimate, Estimator
+
+    EstimateOne = Callable[[str, float], tuple[Estimate, IndirectEstimate | None]]
 
 
 def register(app: typer.Typer) -> None:
@@ -45,7 +47,7 @@ def estimate(
     synthetic fabrics held out of training; a fabric marked out of distribution is unlike those, whatever its intervals.
     What speaks against the poses that were found in its pictures is noted below it.
 
-    With --simulator some dozen simulations a fabric, with the effects that a diagnosis found in the same rig, are shown
+    With --simulator two dozen simulations a fabric, with the effects that a diagnosis found in the same rig, are shown
     to the same network, and the parameters are sought of which it says the same as of the captures; intervals widen by
     what the estimates move.
 
@@ -56,7 +58,7 @@ def estimate(
     """
     from capture.capture_set import CaptureSet
     from capture.pose_notes import PoseNotes
-    from capture.prepare import inputs_by_fabric, prepare_all
+    from capture.prepare import prepare_all
     from trainer.predict import Estimator, check_density
 
     extension = None if simulator is None else _extension(simulator)
@@ -66,21 +68,13 @@ def estimate(
     densities = fabric_densities(captures, density)
     estimator, notes = Estimator.load(model), PoseNotes()
     heard = notes.heard(prepare_all(captures.captures))
-    if extension is None:
-        inputs = inputs_by_fabric(heard)
-    else:
-        indirect = _indirect(captures, heard, extension, estimator)
-        if indirect.in_poses:
-            console.note(f"{', '.join(indirect.in_poses)}: not simulated where poses were found, which have it in them")
+    one = _plainly(estimator, heard) if extension is None else _simulated(captures, heard, extension, estimator)
     fabrics = []
     with console.progress("estimating", total=len(densities)) as bar:
         for fabric_id, value in densities.items():
-            simulated = None if extension is None else indirect.estimate(fabric_id, value)
-            found = simulated.estimate if simulated else estimator.estimate_named(fabric_id, inputs[fabric_id], value)
+            found, simulated = one(fabric_id, value)
             fabrics.append((fabric_id, value, found, notes.of_fabric(fabric_id), simulated))
             bar.advance()
-    if extension is not None:
-        indirect.simulator.cache.trim()
     if density is not None and (stated := [n for n in densities if captures.fabrics[n].density is not None]):
         console.note(f"--density is not used for {', '.join(stated)}: the set states it")
     if json_output:
@@ -110,14 +104,33 @@ def _extension(path: Path) -> SimulatorExtension:
     return extension
 
 
-def _indirect(
+def _plainly(estimator: Estimator, prepared: Iterable[PreparedCapture]) -> EstimateOne:
+    """As the network says of the captures."""
+    from capture.prepare import inputs_by_fabric
+
+    inputs = inputs_by_fabric(prepared)
+    return lambda fabric, density: (estimator.estimate_named(fabric, inputs[fabric], density), None)
+
+
+def _simulated(
     captures: CaptureSet, prepared: Iterable[PreparedCapture], extension: SimulatorExtension, estimator: Estimator
-) -> IndirectEstimator:
+) -> EstimateOne:
+    """With the effects in the simulations."""
     from diagnosis.indirect_estimate import IndirectEstimator
     from diagnosis.simulation.drape_cache import DrapeCache
     from diagnosis.simulation.simulator import Simulator
 
-    return IndirectEstimator(captures, prepared, extension, estimator, Simulator(DrapeCache.default()))
+    cache = DrapeCache.default()
+    indirect = IndirectEstimator(captures, prepared, extension, estimator, Simulator(cache))
+    if indirect.in_poses:
+        console.note(f"{', '.join(indirect.in_poses)}: not simulated where poses were found, which have it in them")
+
+    def estimate_one(fabric: str, density: float) -> tuple[Estimate, IndirectEstimate | None]:
+        found = indirect.estimate(fabric, density)
+        cache.trim()
+        return found.estimate, found
+
+    return estimate_one
 
 
 def fabric_densities(captures: CaptureSet, default: float | None) -> dict[str, float]:

@@ -40,13 +40,8 @@ def build_scene(configuration: SweepConfiguration, scene: str, cloth: FabricPara
         InputError: an effect has no physical meaning at its size.
     """
     built = SimulationScene(Setup.nominal(scene), sensor=named_sensor(configuration.sensor))
-    effects = [
-        effect.model_copy(update={"size": {**effect.size, "seed": draw_effect_seed(effect.name, scene, cloth, seed)}})
-        if get_effect(effect.name).random_repeats
-        else effect
-        for effect in configuration.simulator
-    ]
-    return SimulatorExtension(effects=tuple(effects), pin_radius_m=configuration.pin_radius_m).apply(built)
+    extension = SimulatorExtension(effects=tuple(configuration.simulator), pin_radius_m=configuration.pin_radius_m)
+    return extension.seeded(lambda effect: draw_effect_seed(effect, scene, cloth, seed)).apply(built)
 
 
 def check_effects(configuration: SweepConfiguration) -> None:

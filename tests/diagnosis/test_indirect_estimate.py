@@ -20,7 +20,6 @@ from diagnosis import indirect_estimate as module
 from diagnosis.effects import parse_effect
 from diagnosis.extension import AppliedEffect, SimulatorExtension
 from diagnosis.indirect_estimate import (
-    INTERVAL_90,
     LONGEST_STEP,
     STEPS,
     UNSURE,
@@ -32,6 +31,7 @@ from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.simulation.simulator import Simulator
 from diagnosis.synthesis import draw_fabrics, make_capture_set, real_fabric
 from diagnosis.tasks.fabric_task import BASE_SEEDS
+from diagnosis.tasks.parameters import INTERVAL_90
 from simcore.drape import DrapeStatus
 from simcore.errors import InputError, SimulationError
 from simcore.parameters import ESTIMATED_NAMES, LIMITS
@@ -197,6 +197,21 @@ def test_what_is_in_poses_that_were_found_is_not_simulated_again(
     with pytest.raises(InputError, match=r"camera_rotation: .*state camera_from_panel") as caught:
         make("camera_rotation=rx:1,ry:0,rz:0")
     assert caught.value.code == "effects_in_poses"
+
+
+def test_one_capture_without_a_pose_takes_no_effect_from_the_others(
+    captures: CaptureSet, network: Estimator, shelf: DrapeCache, tmp_path: Path
+) -> None:
+    shutil.copytree(captures.folder, tmp_path / "set")
+    path = tmp_path / "set" / CAPTURES_FILE
+    document = json.loads(path.read_text())
+    document["captures"][0]["setup"] = {"camera_from_panel": None}
+    path.write_text(json.dumps(document))
+    mixed, turned = CaptureSet.load(tmp_path / "set"), extension("camera_rotation=rx:1,ry:0,rz:0")
+    one = IndirectEstimator(mixed, prepare_all(mixed.captures), turned, network, Simulator(shelf), CELL_M)
+    assert one.in_poses == ("camera_rotation",)
+    kept = [shown.with_effects(0).pose == shown.scene.pose for some in one._shown.values() for shown in some]
+    assert kept == [True, *[False] * (len(mixed.captures) - 1)]
 
 
 def test_poses_that_are_stated_leave_every_effect(make: Make) -> None:
