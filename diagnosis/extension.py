@@ -80,9 +80,17 @@ class SimulatorExtension(BaseModel):
                 f"{path}: is no {FORMAT} document: make one with `drapemeter diagnose --apply`",
                 code="extension_invalid",
             ) from None
-        for effect in found.effects:
-            get_effect(effect.name).size(effect.size)
+        found.check()
         return found
+
+    def check(self) -> None:
+        """Whether it can be applied, as far as it tells itself.
+
+        Raises:
+            InputError: it names an unknown effect or component.
+        """
+        for effect in self.effects:
+            get_effect(effect.name).size(effect.size)
 
     def save(self, path: Path) -> None:
         """Write it, whole or not at all."""

@@ -9,7 +9,7 @@ by fixed-point steps in ln p.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from capture.capture_set import Capture, CaptureSet
 from capture.normalise import NetworkInput, normalise_depth
 from capture.prepare import PreparedCapture
-from diagnosis.afresh.fresh import is_finite, moves_camera
+from diagnosis.afresh.fresh import is_finite
+from diagnosis.effects_in_poses import check_effects
 from diagnosis.extension import SimulatorExtension
-from diagnosis.groups import group_of
 from diagnosis.measurement.picture import picture_of
 from diagnosis.scene import SimulationScene
 from diagnosis.simulation.simulator import Simulator
@@ -28,7 +28,6 @@ from diagnosis.tasks.capture_scene import capture_scene
 from diagnosis.tasks.fabric_task import BASE_JITTER, BASE_SEEDS
 from diagnosis.tasks.meshing import cell_size
 from diagnosis.tasks.parameters import INTERVAL_90
-from diagnosis.tasks.put_up import check_set_ups
 from diagnosis.tasks.sensors import usual_distance
 from simcore.errors import InputError, SimulationError
 from simcore.mesh import GridMesh
@@ -81,12 +80,10 @@ class IndirectEstimator:
         resolution_m: wanted edge of a mesh cell.
 
     Attributes:
-        in_poses: names of effects that are not simulated for captures whose pose was found in their pictures: what they
-            do to the panel's picture is in that pose.
+        in_poses: names of effects, as :func:`diagnosis.effects_in_poses.check_effects` tells them.
 
     Raises:
-        InputError: captures that cannot be simulated, with the effects or without, or no effect that is not in the
-            poses.
+        InputError: captures that cannot be simulated, with the effects or without, or as :func:`check_effects`.
     """
 
     def __init__(
@@ -98,40 +95,35 @@ class IndirectEstimator:
         simulator: Simulator,
         resolution_m: float = 0.01,
     ) -> None:
-        check_set_ups(captures, resolution_m)
+        self.in_poses = check_effects(captures, extension, resolution_m)
         self.estimator, self.simulator = estimator, simulator
         self._asked = self._unrested = 0
         self._inputs: dict[str, dict[Scene | str, list[NetworkInput]]] = {}
-        beside = tuple(effect for effect in extension.effects if not _moves_panel(effect.name))
+        beside = tuple(effect for effect in extension.effects if effect.name not in self.in_poses)
         posed: list[tuple[Capture, Array]] = []
         for one in prepared:
             seen = self._inputs.setdefault(one.capture.fabric.id, {})
             seen.setdefault(one.capture.scene, []).append(one.network_input)
             posed.append((one.capture, one.registration.camera_from_panel))
         usual_m = usual_distance(pose for _, pose in posed)
-        unposed = [capture.id for capture, _ in posed if capture.camera_from_panel is None]
-        self.in_poses = tuple(effect.name for effect in extension.effects if unposed and effect not in beside)
-        if len(unposed) == len(posed) and not beside and extension.pin_radius_m is None:
-            raise InputError(
-                f"{' and '.join(self.in_poses)}: the poses were found in the pictures, which have that in them; state "
-                "camera_from_panel in the capture set, or estimate without effects",
-                code="effects_in_poses",
-            )
         self._shown: dict[str, list[_Shown]] = {}
         for capture, pose in posed:
-            effects = beside if capture.id in unposed else extension.effects
+            effects = beside if capture.camera_from_panel is None else extension.effects
             cell = cell_size(capture.setup.sample_size_m, resolution_m)
             scene = capture_scene(capture, pose, cell, usual_m)
             shown = _Shown(scene, extension.model_copy(update={"effects": effects}), cell)
             shown.with_effects(0)  # what cannot be applied is told now
             self._shown.setdefault(capture.fabric.id, []).append(shown)
 
-    def estimate(self, fabric: str, density: float) -> IndirectEstimate:
+    def estimate(
+        self, fabric: str, density: float, on_step: Callable[[float], None] = lambda share: None
+    ) -> IndirectEstimate:
         """Estimate one fabric.
 
         Args:
             fabric: its id.
             density: [kg/m²].
+            on_step: told what share of it is done.
 
         Raises:
             InputError: as :meth:`trainer.predict.Estimator.estimate`; the message names the fabric.
@@ -141,8 +133,9 @@ class IndirectEstimator:
         said = _logs(first.parameters)
         low, high = np.log([LIMITS[name] for name in ESTIMATED_NAMES]).T + np.array([[ROUNDING], [-ROUNDING]])
         found, self._asked, self._unrested = said, 0, 0
-        for _ in range(STEPS):
+        for step in range(STEPS):
             missing = said - self._says(fabric, density, found)
+            on_step((step + 1) / (STEPS + 1))
             found = np.clip(found + np.clip(missing, -LONGEST_STEP, LONGEST_STEP), low, high)
         left = said - self._says(fabric, density, found)
         rms = float(np.sqrt(np.mean(left**2)))
@@ -194,11 +187,6 @@ class _Shown:
     def with_effects(self, number: int) -> SimulationScene:
         """The scene with the effects on, in a repeat of this number."""
         return self.extension.seeded(lambda _: float(number + 1)).apply(self.scene)
-
-
-def _moves_panel(name: str) -> bool:
-    """The effect, or one that is declared inseparable from it, has the panel seen elsewhere than it is."""
-    return any(moves_camera(twin) for twin in group_of(name))
 
 
 def _logs(parameters: Mapping[str, float]) -> Array:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from diagnosis.indirect_estimate import IndirectEstimate
     from trainer.predict import Estimate
 
 
@@ -28,3 +29,20 @@ def estimate_fields(found: Estimate, notes: Sequence[str]) -> dict[str, Any]:
         "scenes": list(found.scenes),
         "notes": list(notes),
     }
+
+
+def simulated_fields(found: IndirectEstimate) -> dict[str, Any]:
+    """What simulations with the effects on said of one fabric, in plain values."""
+    return {
+        "without_effects": found.first.parameters,
+        "left": round(found.left, 4),
+        "simulations": found.simulations,
+        "not_at_rest": found.unrested,
+    }
+
+
+def poses_note(in_poses: Sequence[str]) -> list[str]:
+    """In words, which effects were not simulated for which captures (:func:`diagnosis.effects_in_poses.check_effects`);
+    nothing where all were."""
+    names = ", ".join(in_poses)
+    return [f"{names}: not simulated where poses were found, which have it in them"] if in_poses else []

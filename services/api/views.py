@@ -34,7 +34,7 @@ class JobView(BaseModel):
     """A job."""
 
     id: str = Field(examples=["job_0f3a5c7e9b1d2f4a6c8e0a1b3c5d7e9f"])
-    kind: Literal["drape_distance", "fabric_search", "diagnosis", "dataset"]
+    kind: Literal["drape_distance", "fabric_search", "diagnosis", "dataset", "estimate"]
     status: StatusName
     progress: float = Field(ge=0, le=1)
     message: str = Field(description="What it is doing.")

@@ -10,7 +10,7 @@ import typer
 
 from services import console
 from services.cli.options import JSON, SEED_FIXED
-from services.estimates import estimate_fields
+from services.estimates import estimate_fields, poses_note, simulated_fields
 from simcore.errors import InputError
 from simcore.parameters import ESTIMATED_NAMES, UNITS
 
@@ -59,9 +59,10 @@ def estimate(
     from capture.capture_set import CaptureSet
     from capture.pose_notes import PoseNotes
     from capture.prepare import prepare_all
+    from diagnosis.extension import SimulatorExtension
     from trainer.predict import Estimator, check_density
 
-    extension = None if simulator is None else _extension(simulator)
+    extension = None if simulator is None else SimulatorExtension.load(simulator)
     if density is not None:
         check_density(density)
     captures = CaptureSet.load(capture_set)
@@ -90,20 +91,6 @@ def estimate(
     console.say(f"model {estimator.version}")
 
 
-def _extension(path: Path) -> SimulatorExtension:
-    """The effects of a simulator file.
-
-    Raises:
-        InputError: it is none, or adds nothing.
-    """
-    from diagnosis.extension import SimulatorExtension
-
-    extension = SimulatorExtension.load(path)
-    if not extension.effects and extension.pin_radius_m is None:
-        raise InputError(f"{path}: it adds nothing to the simulation: leave --simulator out", code="extension_empty")
-    return extension
-
-
 def _plainly(estimator: Estimator, prepared: Iterable[PreparedCapture]) -> EstimateOne:
     """As the network says of the captures."""
     from capture.prepare import inputs_by_fabric
@@ -122,8 +109,8 @@ def _simulated(
 
     cache = DrapeCache.default()
     indirect = IndirectEstimator(captures, prepared, extension, estimator, Simulator(cache))
-    if indirect.in_poses:
-        console.note(f"{', '.join(indirect.in_poses)}: not simulated where poses were found, which have it in them")
+    for note in poses_note(indirect.in_poses):
+        console.note(note)
 
     def estimate_one(fabric: str, density: float) -> tuple[Estimate, IndirectEstimate | None]:
         found = indirect.estimate(fabric, density)
@@ -173,14 +160,7 @@ def as_document(
         **estimate_fields(found, notes),
         "out_of_distribution_score": round(found.out_of_distribution_score, 4),
     }
-    if simulated is not None:
-        document["simulated"] = {
-            "without_effects": simulated.first.parameters,
-            "left": round(simulated.left, 4),
-            "simulations": simulated.simulations,
-            "not_at_rest": simulated.unrested,
-        }
-    return document
+    return document if simulated is None else {**document, "simulated": simulated_fields(simulated)}
 
 
 def print_fabric(

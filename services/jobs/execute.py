@@ -17,6 +17,7 @@ KINDS: dict[str, str] = {
     "fabric_search": "services.jobs.kinds.fabric_search",
     "diagnosis": "services.jobs.kinds.diagnosis",
     "dataset": "services.jobs.kinds.dataset",
+    "estimate": "services.jobs.kinds.estimate",
 }
 """Each module offers ``run(task, report) -> TaskOutput``."""
 

@@ -24,10 +24,12 @@ class Resources:
     Attributes:
         dataset_root: folder or URL under which datasets are written.
         ray_address: cluster that spreads a job's work; None for this machine alone.
+        model: folder of the estimator; None for the one that ships.
     """
 
     dataset_root: str = "datasets"
     ray_address: str | None = None
+    model: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,7 @@ class JobWorker:
         try:
             with self._database.read() as session:
                 inputs = gather(session, claim.kind, claim.inputs)
-            resources = Resources(self._settings.dataset_root, self._settings.ray_address)
+            resources = Resources(self._settings.dataset_root, self._settings.ray_address, self._settings.model)
             task = Task(claim.id, claim.kind, inputs, claim.files, resources, scratch)
             try:
                 self._runner.start(Call(self._work, (task,), {"job": claim.id, "kind": claim.kind}))

@@ -12,10 +12,9 @@ import pytest
 from fastapi.testclient import TestClient
 from PIL import Image
 
-from services.api import estimate_task
 from services.api.app import create_app
-from services.api.model_folder import require_model
 from services.db.engine import Database
+from services.model_folder import load_model, require_model
 from services.settings import Settings
 from simcore.errors import MissingResourceError
 from trainer.shipped import META_FILE, WEIGHTS_FILE
@@ -26,17 +25,17 @@ def test_a_model_that_is_replaced_is_read_again(tmp_path: Path, monkeypatch: pyt
         (tmp_path / name).write_text("first")
     read: list[Path] = []
     monkeypatch.setattr("trainer.predict.Estimator.load", lambda folder: read.append(folder) or object())
-    estimators = [estimate_task._load(tmp_path), estimate_task._load(tmp_path)]
+    estimators = [load_model(tmp_path), load_model(tmp_path)]
     for name in (META_FILE, WEIGHTS_FILE):
         (tmp_path / name).write_text("another")
-        estimators += [estimate_task._load(tmp_path), estimate_task._load(tmp_path)]
+        estimators += [load_model(tmp_path), load_model(tmp_path)]
     assert read == [tmp_path] * 3
     assert [estimators.index(one) for one in estimators] == [0, 0, 2, 2, 4, 4]
 
 
 def test_a_model_that_is_gone_is_the_servers_fault(tmp_path: Path) -> None:
     with pytest.raises(MissingResourceError, match="holds no model") as caught:
-        estimate_task._load(tmp_path)
+        load_model(tmp_path)
     assert caught.value.code == "model_missing"
 
 
@@ -50,7 +49,7 @@ def test_a_model_that_the_server_may_not_read_is_the_servers_fault(
 ) -> None:
     monkeypatch.setattr("trainer.predict.Estimator.load", refuse)
     with pytest.raises(MissingResourceError, match=r"cannot read its model \(Permission denied\)") as caught:
-        estimate_task._load(tmp_path)
+        load_model(tmp_path)
     assert caught.value.code == "model_missing"
     (tmp_path / META_FILE).touch()
     assert require_model(tmp_path) == tmp_path

@@ -13,12 +13,12 @@ from sqlalchemy import select
 
 from services.api.auth import Caller, require
 from services.api.documented import problems
-from services.api.model_folder import find_model
 from services.api.scopes import ApiScope
 from services.api.state import ServiceState, get_state
 from services.db.engine import DATABASE_FAILED
 from services.db.jobs import Worker
 from services.db.migrate import is_usable
+from services.model_folder import find_model
 
 router = APIRouter(tags=["health"])
 State = Annotated[ServiceState, Depends(get_state)]
