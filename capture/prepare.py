@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -46,17 +46,27 @@ def prepare(capture: Capture) -> PreparedCapture:
     return next(prepare_all([capture]))
 
 
-def prepare_all(captures: Sequence[Capture]) -> Iterator[PreparedCapture]:
+def _refuse(capture: Capture, error: InputError) -> None:
+    raise error
+
+
+def prepare_all(
+    captures: Sequence[Capture], on_no_cloth: Callable[[Capture, InputError], None] = _refuse
+) -> Iterator[PreparedCapture]:
     """Read, segment, register and normalise captures, in their order.
 
     Captures without a pose that share a camera and the size of their sample are taken to be of one camera that stood
     still (see :func:`capture.camera_rig.share_pose`), unless they say otherwise: where their own ``setup`` speaks of
     ``camera_from_panel``, they are registered by themselves.
 
+    Args:
+        captures: to prepare.
+        on_no_cloth: told of a capture in which no cloth is seen, and why; if it returns, that one is passed over.
+
     Raises:
         InputError: as :func:`prepare`; all captures are registered before the first is handed out.
     """
-    regions = [_find_cloth(capture) for capture in captures]
+    captures, regions = _seen(captures, on_no_cloth)
     registrations: dict[int, Registration] = {}
 
     for group in _same_camera(captures):
@@ -78,6 +88,24 @@ def inputs_by_fabric(prepared: Iterable[PreparedCapture]) -> dict[str, dict[Scen
     for one in prepared:
         found.setdefault(one.capture.fabric.id, {}).setdefault(one.capture.scene, []).append(one.network_input)
     return found
+
+
+def _seen(
+    captures: Sequence[Capture], on_no_cloth: Callable[[Capture, InputError], None]
+) -> tuple[list[Capture], list[ClothRegion]]:
+    """Captures that show cloth, and where."""
+    seen, regions = [], []
+    for capture in captures:
+        try:
+            region = _find_cloth(capture)
+        except InputError as error:
+            if error.code != "cloth_not_found":
+                raise
+            on_no_cloth(capture, error)
+            continue
+        seen.append(capture)
+        regions.append(region)
+    return seen, regions
 
 
 def _find_cloth(capture: Capture) -> ClothRegion:

@@ -3,7 +3,7 @@
 Cached drapes go by the solver's own version (``simcore.version``).
 """
 
-MODEL_VERSION = "drapemeter-diagnosis/60"
+MODEL_VERSION = "drapemeter-diagnosis/61"
 RESPONSES_VERSION = 4
 """Raised when what is measured on a simulated picture changes."""
 PIXELS_VERSION = 7

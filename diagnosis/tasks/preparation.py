@@ -42,12 +42,12 @@ def prepare_tasks(
     if not captures.captures:
         raise InputError(f"{captures.folder}: the set lists no captures", code="no_captures")
     check_set_ups(captures, resolution_m)
-    prepared = {p.capture.id: p for p in prepare_all(captures.captures)}
     assumed = list(not_stated(captures))
+    prepared = _prepared(captures, assumed)
     usual_m = usual_distance(ready.registration.camera_from_panel for ready in prepared.values())
     tasks = []
     for fabric_id, fabric in captures.fabrics.items():
-        own = in_order(captures.of_fabric(fabric_id))
+        own = [capture for capture in in_order(captures.of_fabric(fabric_id)) if capture.id in prepared]
         if not own:
             continue
         own = once_each(own, prepared, assumed)
@@ -72,6 +72,29 @@ def prepare_tasks(
             "camera_from_panel to have errors of the pose and axial sensor errors told, and small gaps seen"
         )
     return tasks, assumed
+
+
+def _prepared(captures: CaptureSet, assumed: list[str]) -> dict[str, PreparedCapture]:
+    """Captures that show cloth, by id: one in which it lies too flat on the panel to be seen does not stop the others.
+
+    What is left out is appended to ``assumed``.
+
+    Raises:
+        InputError: captures that cannot be used, or half of them or more show no cloth.
+    """
+    without: dict[str, InputError] = {}
+    prepared = {
+        ready.capture.id: ready
+        for ready in prepare_all(captures.captures, lambda capture, error: without.update({capture.id: error}))
+    }
+    if len(without) >= len(prepared):
+        raise next(iter(without.values()))
+    assumed += [
+        f"capture {name} is left out: no cloth is seen in it; look whether the sample is in the picture, or lies flat "
+        "on the panel"
+        for name in without
+    ]
+    return prepared
 
 
 def once_each(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +21,8 @@ from diagnosis.scene import SimulationScene
 from diagnosis.simulation.drape_cache import DrapeCache
 from diagnosis.tasks.fabric_task import CaptureTask, FabricTask, not_at_rest
 from diagnosis.tasks.preparation import prepare_tasks
+from renderer.depth import panel_depth
+from renderer.depth_png import write_depth_png
 from simcore.drape import Drape, DrapeStatus
 from simcore.errors import InputError
 from simcore.mesh import GridMesh
@@ -47,6 +50,36 @@ def test_a_picture_given_twice_counts_once(make_set: MakeSet) -> None:
     tasks, assumed = prepare_tasks(CaptureSet(captures.folder, both), CANDIDATES, 0.02)
     assert sorted(c.id for task in tasks for c in task.captures) == sorted([*ids, "elsewhere"])
     assert sum(f"captures {first.id} and again are the same picture" in line for line in assumed) == 1
+
+
+def without_cloth(captures: CaptureSet, names: list[str], folder: Path) -> CaptureSet:
+    """The set with these captures' pictures of the panel alone."""
+    shutil.copytree(captures.folder, folder)
+    for capture in (c for c in captures.captures if c.id in names):
+        assert capture.camera_from_panel is not None
+        panel = panel_depth(capture.camera, capture.camera_from_panel)
+        write_depth_png(folder / capture.document.depth, panel, capture.camera.depth_unit_m)
+    return CaptureSet.load(folder)
+
+
+def test_a_capture_that_shows_no_cloth_stops_none_of_the_others(make_set: MakeSet, tmp_path: Path) -> None:
+    captures = make_set()
+    first, *others = [c.id for c in captures.captures]
+    tasks, assumed = prepare_tasks(without_cloth(captures, [first], tmp_path / "one"), CANDIDATES, 0.02)
+    assert sorted(c.id for task in tasks for c in task.captures) == sorted(others)
+    assert sum(line.startswith(f"capture {first} is left out: no cloth is seen in it") for line in assumed) == 1
+    of_first = [c.id for c in captures.of_fabric(captures.captures[0].fabric.id)]
+    tasks, assumed = prepare_tasks(without_cloth(captures, of_first[:-1], tmp_path / "most"), CANDIDATES, 0.02)
+    assert [c.id for c in tasks[0].captures] == of_first[-1:]
+
+
+def test_captures_half_of_which_show_no_cloth_are_refused(make_set: MakeSet, tmp_path: Path) -> None:
+    captures = make_set()
+    ids = [c.id for c in captures.captures]
+    half = without_cloth(captures, ids[: (len(ids) + 1) // 2], tmp_path / "half")
+    with pytest.raises(InputError, match=rf"{ids[0]}.*no cloth is seen") as caught:
+        prepare_tasks(half, CANDIDATES, 0.02)
+    assert caught.value.code == "cloth_not_found"
 
 
 @pytest.mark.parametrize("options", [DiagnosisOptions(effects=("wind",)), DiagnosisOptions(without=("wind",))])
