@@ -78,7 +78,8 @@ def test_a_killed_process_may_be_tried_again(child: ChildProcess) -> None:
 def test_a_process_that_is_killed_in_the_middle_of_its_answer_may_be_tried_again(child: ChildProcess) -> None:
     child.start(Call(job_functions.tell_much))
     assert child._connection is not None and child._connection.poll(60)
-    (process,) = psutil.Process().children()[-1:]
+    assert child._process is not None
+    process = psutil.Process(child._process.pid)
     while process.status() == psutil.STATUS_RUNNING:  # until the pipe is full
         time.sleep(0.01)
     process.kill()
@@ -89,7 +90,8 @@ def test_a_process_that_was_told_to_end_may_be_tried_again(child: ChildProcess, 
     child.start(Call(job_functions.sleep, (str(tmp_path / "mark"),)))
     while not (tmp_path / "mark.started").exists():
         assert child.poll(0.05) is None
-    (process,) = psutil.Process().children()[-1:]
+    assert child._process is not None
+    process = psutil.Process(child._process.pid)
     process.terminate()
     assert ending(child) == Crashed("told to stop", again=True)
 
