@@ -59,10 +59,9 @@ def estimate(
     from capture.capture_set import CaptureSet
     from capture.pose_notes import PoseNotes
     from capture.prepare import prepare_all
-    from diagnosis.extension import SimulatorExtension
     from trainer.predict import Estimator, check_density
 
-    extension = None if simulator is None else SimulatorExtension.load(simulator)
+    extension = None if simulator is None else _extension(simulator)
     if density is not None:
         check_density(density)
     captures = CaptureSet.load(capture_set)
@@ -89,6 +88,12 @@ def estimate(
     for entry in fabrics:
         print_fabric(*entry)
     console.say(f"model {estimator.version}")
+
+
+def _extension(path: Path) -> SimulatorExtension:
+    from diagnosis.extension import SimulatorExtension  # it takes long, and plain estimates need none
+
+    return SimulatorExtension.load(path)
 
 
 def _plainly(estimator: Estimator, prepared: Iterable[PreparedCapture]) -> EstimateOne:

@@ -130,14 +130,9 @@ async def create_estimate(
     `not_at_rest`, and what is `left` between what the network says of the pictures and of the last of these (root mean
     square in ln p). Scope `estimates:write`.
     """
-    most = state.settings.max_picture_pixels
-    pictures: dict[str, bytes] = {}
-    sizes = {}
-    for scene, uploads in (("hanging", hanging), ("stretch", stretch)):
-        for repeat, upload in enumerate(uploads):
-            name = f"{scene}-{repeat}.png"
-            pictures[name] = await upload.read()
-            sizes[name] = check_png(pictures[name], name, most)
+    sent = {"hanging": hanging, "stretch": stretch}
+    pictures = {f"{scene}-{n}.png": await one.read() for scene, files in sent.items() for n, one in enumerate(files)}
+    sizes = {name: check_png(content, name, state.settings.max_picture_pixels) for name, content in pictures.items()}
     document = _document(sizes, density, camera, setup, sensor)
     extension = parse_json_field(simulator, "simulator", SimulatorExtension)
     if extension is not None:
