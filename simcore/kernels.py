@@ -130,6 +130,16 @@ def form_product(x: ti.template(), k: ti.template(), n, b, j, i):
     return total
 
 
+@ti.func
+def offset(m):
+    """``grid.OFFSETS[m]``: a loop over blocks that is not unrolled is as fast, and compiled sooner."""
+    dj = m // 3
+    di = m - 3 * dj
+    if dj == 1:
+        di -= 1
+    return dj, di
+
+
 @ti.kernel
 def hessians(
     which: ints1,
@@ -162,7 +172,8 @@ def hessians(
         s = settings_of(settings, b)
         eye = identity()
         held = fixed[b, j, i] == 1
-        for m, dj, di in ti.static([(0, 0, 0), (1, 0, 1), (2, 0, 2), (3, 1, -1), (4, 1, 0), (5, 1, 1), (6, 2, 0)]):
+        for m in range(7):
+            dj, di = offset(m)
             block = mat3(0.0)
             if j + dj < rows and i + di < columns and i + di >= 0 and not held:
                 block = bending[b, j, i, m] * (1 - fixed[b, j + dj, i + di]) * eye
