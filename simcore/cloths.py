@@ -90,10 +90,15 @@ class Cloths:
                 columns[name] = np.concatenate([np.zeros_like(some) if part is None else part for part in parts])
         return cls(**columns)
 
-    def on(self, place: Callable[[Array], Any]) -> Cloths:
+    def on(self, place: Callable[[Any], Any]) -> Cloths:
         """The same with every array sent through ``place``."""
         moved = {f.name: place(getattr(self, f.name)) for f in fields(self) if getattr(self, f.name) is not None}
         return replace(self, **moved)
+
+    def only(self, n: int) -> Cloths:
+        """Cloth ``n`` as a batch of one."""
+        parts = {f.name: getattr(self, f.name)[n : n + 1] for f in fields(self) if getattr(self, f.name) is not None}
+        return replace(self, **parts)
 
     def skew_between_free(self, which: Any = slice(None)) -> Any:
         """``skew`` of the cloths ``which``, nil to and from held vertices: that part of their Hessians."""

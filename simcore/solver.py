@@ -150,7 +150,7 @@ class Solver:
             if again.converged:
                 rest, energy, crossings = again, self.levels[-1].energy(again.x), self._crossings(again)
         now = time.process_time()
-        status, reason = verdict(self.mesh, rest, crossings, now > deadline)
+        status, reason = verdict(self.mesh, self.levels[-1].cloths, rest, crossings, now > deadline)
         vertices = rest.x.reshape(-1, 3)
         return Drape(self.mesh, vertices, status, rest.residual, energy, rest.stable, iterations, now - began, reason)
 

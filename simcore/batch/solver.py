@@ -114,7 +114,8 @@ class BatchSolver:
         seconds = (time.process_time() - began) / len(requests)
         drapes = []
         for n, (own, crossings) in enumerate(self._crossings(rest, len(requests))):
-            status, reason = verdict(self.mesh, own, crossings, late=False)
+            cloth = self.levels[-1].cloths.only(n).on(self.device.get)
+            status, reason = verdict(self.mesh, cloth, own, crossings, late=False)
             drapes.append(
                 Drape(
                     self.mesh, own.x.reshape(-1, 3), status, own.residual, float(energy[n]), own.stable, int(steps[n]),

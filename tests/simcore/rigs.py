@@ -19,7 +19,9 @@ from .reference import Cloth, Friction
 
 lang.start()
 
-from simcore.contact import PanelContact  # noqa: E402  (kernels need the runtime)
+from simcore.bending_forms import BendingForms  # noqa: E402  (kernels need the runtime)
+from simcore.cloths import Cloths  # noqa: E402
+from simcore.contact import PanelContact  # noqa: E402
 from simcore.level import Level  # noqa: E402
 from simcore.newton import Newton, NewtonOptions, Rest  # noqa: E402
 
@@ -79,6 +81,12 @@ class Rig:
         dense = assembled(self.level, x, blend)
         free = np.repeat(~self.cloth.held.ravel(), 3)
         return dense[np.ix_(free, free)]
+
+
+def fields_of(grid: Grid, fabric: FabricParameters, held: Array, mechanics: Mechanics = Mechanics()) -> Cloths:
+    """What the kernels know of a cloth without a panel; ``held`` bool [rows, columns]."""
+    contact = PanelContact.of(grid.areas, fabric.density * GRAVITY_M_S2, False, 0.0, mechanics.adhesion_range_m)
+    return Cloths.one(grid, BendingForms.of(grid), fabric, mechanics, contact, held.astype(np.int32))
 
 
 def assembled(level: Level, x: Array, blend: float) -> Array:
