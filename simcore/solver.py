@@ -18,6 +18,7 @@ from simcore.drape import Drape
 from simcore.grid import Grid
 from simcore.level import Level
 from simcore.mechanics import Jitter, Mechanics
+from simcore.memory import memory_told
 from simcore.mesh import GridMesh, grid_triangles
 from simcore.newton import Newton, NewtonOptions, Rest
 from simcore.parameters import FabricParameters
@@ -93,12 +94,16 @@ class Solver:
 
     Not thread-safe; one a process. Newton on a cascade of grids, starting from short implicit dynamics on the coarsest
     (see ``docs/conventions.md``).
+
+    Raises:
+        OutOfMemoryError: there was not enough memory.
     """
 
     def __init__(self, mesh: GridMesh) -> None:
         lang.start()
         self.mesh = mesh
-        self.levels = [Level(grid) for grid in cascade(mesh)]
+        with memory_told(mesh):
+            self.levels = [Level(grid) for grid in cascade(mesh)]
 
     def solve(
         self,
@@ -138,6 +143,10 @@ class Solver:
         deadline = math.inf if time_limit_s is None else began + time_limit_s
         perturbation = Perturbation.draw(setup, jitter, seed_sequence(seed))
         problem = _Problem(fabric, setup, mechanics, perturbation, start, deadline)
+        with memory_told(self.mesh):
+            return self._solve(problem, began)
+
+    def _solve(self, problem: _Problem, began: float) -> Drape:
         rest, iterations = self._cascade(problem)
         energy = self.levels[-1].energy(rest.x)
         crossings = self._crossings(rest)
@@ -150,7 +159,7 @@ class Solver:
             if again.converged:
                 rest, energy, crossings = again, self.levels[-1].energy(again.x), self._crossings(again)
         now = time.process_time()
-        status, reason = verdict(self.mesh, self.levels[-1].cloths, rest, crossings, now > deadline)
+        status, reason = verdict(self.mesh, self.levels[-1].cloths, rest, crossings, now > problem.deadline)
         vertices = rest.x.reshape(-1, 3)
         return Drape(self.mesh, vertices, status, rest.residual, energy, rest.stable, iterations, now - began, reason)
 
