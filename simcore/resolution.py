@@ -29,7 +29,7 @@ and nowhere one of turns below :data:`SHARP_RAD`.
 Of fabrics drawn from the measured prior the worst has 0.039 on 10 mm (of 200), 0.06 on 20 mm and 0.19 on 50 mm (of 20).
 """
 LARGEST_RESISTANCE = 0.5
-"""Of :func:`mesh_resistance`; beyond it bending hardly matters any more, and 5 mm cells bring another drape."""
+"""Of :func:`mesh_resistance`; beyond it bending hardly matters any more (decision 051)."""
 
 
 def kinked_share(x: Array) -> float:

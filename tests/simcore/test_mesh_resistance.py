@@ -26,14 +26,14 @@ from .rigs import ANISOTROPIC, FABRICS, crumpled, cylinder, fields_of, laid_out
 GRID = Grid(41, 51, 0.01, 0.01)
 FREE = np.zeros((41, 51), bool)
 STIFF_AND_LIMP = FabricParameters(3000, 3000, 1000, 1e-6, 1e-6, 1e-6, 0.1)
-"""On 10 mm cells a third of its bending moves the drape by less than 2 mm, and 5 mm cells bring another one."""
+"""On 10 mm cells a third of its bending moves the drape by less than 2 mm."""
 
 
-def dimples(rows: slice = slice(None), columns: slice = slice(None)) -> np.ndarray:
+def dimples(rows: slice = slice(None), columns: slice = slice(None), height_m: float = 0.004) -> np.ndarray:
     """A flat sheet with dimples three cells apart in some of its rows and columns, in panel coordinates."""
     x = laid_out(GRID, [1, 0, 0], [0, -1, 0])
     j, i = np.mgrid[0:41, 0:51]
-    x[rows, columns, 2] = (0.004 * np.sin(2.1 * j) * np.sin(2.1 * i))[rows, columns]
+    x[rows, columns, 2] = (height_m * np.sin(2.1 * j) * np.sin(2.1 * i))[rows, columns]
     return x
 
 
@@ -95,8 +95,7 @@ def told(x: np.ndarray, cloth: Cloths, cells_m: float = 0.01) -> tuple[DrapeStat
 
 
 def test_what_the_mesh_resists_is_flagged_with_the_reason() -> None:
-    x = 1.0 * dimples()
-    x[..., 2] *= 0.4  # turns of less than 45 degrees
+    x = dimples(height_m=0.0016)  # turns of less than 45 degrees
     one = mesh_resistance(x, fields_of(GRID, ANISOTROPIC, FREE))
     for times, status in ((0.98, DrapeStatus.STILL), (1.02, DrapeStatus.UNDER_RESOLVED)):
         fabric = scaled(ANISOTROPIC, times * LARGEST_RESISTANCE / one, 1.0)
@@ -108,8 +107,7 @@ def test_what_the_mesh_resists_is_flagged_with_the_reason() -> None:
 
 def test_previews_are_not_judged_by_it() -> None:
     grid = Grid(41, 51, 0.0125, 0.0125)
-    x = 1.25 * dimples()
-    x[..., 2] *= 0.4
+    x = 1.25 * dimples(height_m=0.0016)
     cloth = fields_of(grid, STIFF_AND_LIMP, FREE)
     assert mesh_resistance(x, cloth) > 3.0 * LARGEST_RESISTANCE
     assert told(x, cloth, 0.0125) == (DrapeStatus.STILL, "")
